@@ -152,7 +152,7 @@ def read_faces(path: Path) -> list[list[Float64]]:
     try:
         known = json.loads(read_bounded(path, MAX_POSE_BYTES, "give a pose file"))
         faces = [[np.array(one, np.float64)[:N_FACE, :2] for one in known[name]] for name in in_order(known)]
-    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError, OverflowError) as error:
         raise FormatError(f"{path} is not a pose file; give people.json or a label set") from error
     for face in (face for image in faces for face in image):
         if face.shape != (N_FACE, 2) or not (np.abs(face) < FAR_PX).all():

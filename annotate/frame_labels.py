@@ -46,9 +46,10 @@ class FrameLabels:
                 f"part id {unknown[0]} is unknown in scheme {self.scheme.name!r}; "
                 f"use {self.scheme.label_text}"
             )
-        for text, kinds in ((self.subject, str), (self.notes, dict)):
-            if not isinstance(text, kinds):
-                raise self.error(f"{str(text)[:60]!r} is a {type(text).__name__}; give a {kinds.__name__}")
+        if not isinstance(self.subject, str):
+            raise self.error(f"subject is {str(self.subject)[:60]}; give a text")
+        if not isinstance(self.notes, dict):
+            raise self.error(f"notes is {str(self.notes)[:60]}; give an object")
         if self.status not in get_args(Status):
             raise self.error(f"status {self.status!r} is unknown; use {get_args(Status)}")
 

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import count
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar, cast
@@ -23,8 +24,9 @@ from annotate.labelset.nameless import person_code
 from annotate.labelset.scheme_note import scheme_note
 from annotate.labelset.source_recording import recording_entry
 from annotate.person.extract import PersonDetection, PersonMask
+from annotate.scheme.merging import converts
 from annotate.scheme.scheme import Scheme
-from annotate.segmentation.labels_of_frame import labels_of, review_rank
+from annotate.segmentation.labels_of_frame import labels_of, remarks_in, review_rank
 from annotate.segmentation.segment import SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
@@ -97,7 +99,7 @@ class Run:
         """Return each warning with the ids of its frames."""
         remarks: dict[str, list[str]] = {}
         for frame_id in self.labels.frame_ids:
-            for note in self.labels.notes(frame_id)["notes"]:
+            for note in remarks_in(self.labels.notes(frame_id)):
                 remarks.setdefault(note, []).append(frame_id)
         return remarks
 
@@ -126,8 +128,8 @@ class SuitDetection:
 class SuitLabeller:
     """Labeller by the colours of a suit; without a suit, parts stay undefined.
 
-    network: None = the shipped one. window_c: lowest and highest surface temperature of a person; None = from
-    each frame. single_pass: label about every second pixel, for a live picture.
+    network: None = the shipped one, ``for_suit``. window_c: lowest and highest surface temperature of a
+    person; None = from each frame. single_pass: label about every second pixel, for a live picture.
     """
 
     suit: Suit | None
@@ -140,9 +142,16 @@ class SuitLabeller:
         """Return the scheme of the labels: the network's."""
         return self._network.scheme
 
-    @property
+    @cached_property
     def _network(self) -> SuitNetwork:
-        return self.network or shipped_suit_network()
+        return self.network or shipped_suit_network().for_suit(self.suit)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return warnings about the suit, about labels in another scheme, and about lost things."""
+        if self.suit is None:
+            return ()
+        return (*self.suit.notes, *scheme_notes(self.suit.scheme, self._network))
 
     def fuser(self, calibration: RigCalibration) -> Fuser:
         """Return the fusion to full clouds."""
@@ -167,6 +176,22 @@ class SuitLabeller:
             return unlabelled(person.mask, *notes, scheme=self.scheme), person
         segmenter = SuitSegmenter(self.suit, self._network, self.single_pass)
         return segmenter.segment(detection.cloud, detection.view(person), person, before)
+
+
+def scheme_notes(worn: Scheme, network: SuitNetwork) -> tuple[str, ...]:
+    """Return why labels by a suit of the scheme ``worn`` have other parts, and which things they lack."""
+    notes, given = [], network.scheme
+    if not (converts(worn, given) and converts(given, worn)):
+        notes.append(
+            f"labels have the parts of scheme {given.name!r}, because parts of the suit's scheme "
+            f"{worn.name!r} are coarser or lack a colour of their own"
+        )
+    if lost := sorted(network.own.things - given.things):
+        notes.append(
+            f"labels lack {', '.join(lost)} of the network, because scheme {given.name!r} has no such part; "
+            "add it to the suit's scheme"
+        )
+    return tuple(notes)
 
 
 def label_source(

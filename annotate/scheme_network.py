@@ -2,8 +2,10 @@
 
 from typing import Self
 
-from annotate.array_types import Float32
-from annotate.scheme.merging import class_shares, conversion_table
+import numpy as np
+
+from annotate.array_types import Float32, UInt8
+from annotate.scheme.merging import class_shares, conversion_table, converts
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import load_scheme
 
@@ -35,6 +37,24 @@ class SchemeNetwork:
         converted = object.__new__(type(self))  # without loading the weights again
         vars(converted).update(vars(self) | {"scheme": scheme})
         return converted
+
+    @property
+    def divides(self) -> bool:
+        """Return whether a class of ``own`` lies in several parts of ``scheme``."""
+        return not converts(self.own, self.scheme)
+
+    def undivided(self, planes: Float32, classes: UInt8) -> Float32:
+        """Return probabilities (...) of classes (...) of ``scheme``, summed over the parts of an own class.
+
+        planes: (k, ...), probabilities in ``scheme``, equal among the parts of a divided class.
+        """
+        total = np.zeros(classes.shape, np.float32)
+        for number, part in enumerate(self.scheme.parts, 1):
+            regions = {r for own in self.own.parts if own.regions & part.regions for r in own.regions}
+            kin = self.scheme.class_table[list(self.scheme.ids_of(regions))] if regions else [number]
+            here = classes == number
+            total[here] = planes[:, here][kin].sum(axis=0)
+        return total
 
     def merged(self, planes: Float32) -> Float32:
         """Return probabilities (k, ...) of the classes of ``scheme`` from (k', ...) of ``own``."""

@@ -18,6 +18,7 @@ from annotate.correction.edit import Editor
 from annotate.correction.select import edit_supervoxels
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.stroke import Gesture
+from annotate.parts import PAPER
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import VirtualRig
 
@@ -40,6 +41,11 @@ def lasso(i):
     return np.stack([500 + 3 * i + 130 * np.cos(angle), 420 + 110 * np.sin(angle)], axis=1)
 
 
+def part_at(i: int) -> int:
+    """Return the id of the part to paint in a round."""
+    return PAPER.parts[i % len(PAPER.parts)].id
+
+
 def actions(editor: Editor, view: select.ScreenPoints, pieces):
     """Return the actions of an annotator by name; each is called with the number of its round."""
     at = int(np.flatnonzero((pieces >= 0) & (editor.parts == 2))[0])
@@ -52,21 +58,21 @@ def actions(editor: Editor, view: select.ScreenPoints, pieces):
         editor.replace("remove_islands", without_islands(editor.parts, editor.depth_mm))
 
     def fill(i):
-        part = 1 + i % 11
+        part = part_at(i)
         editor.replace("fill_holes", filled(editor.parts, editor.depth_mm, part), part)
 
     return {
         "lasso and paint": lambda i: editor.paint(
-            select.polygon(view, lasso(i)), 1 + i % 11, Gesture("lasso", points=60)
+            select.polygon(view, lasso(i)), part_at(i), Gesture("lasso", points=60)
         ),
         "undo": lambda i: editor.undo(),
         "redo": lambda i: editor.redo(),
-        "click a supervoxel": lambda i: editor.paint(select.supervoxel(pieces, editor.parts, at), 1 + i % 11),
+        "click a supervoxel": lambda i: editor.paint(select.supervoxel(pieces, editor.parts, at), part_at(i)),
         "grow": lambda i: select.grow(pieces, editor.parts, editor.depth_mm, piece),
         "two strokes: specks, islands away": tidy,
         "fill holes": fill,
         "swap left and right": lambda i: editor.swap_left_right(),
-        "paint every point": lambda i: editor.paint(everywhere, 1 + i % 11),
+        "paint every point": lambda i: editor.paint(everywhere, part_at(i)),
     }
 
 

@@ -21,7 +21,6 @@ from annotate.live.live_frame import BodyPose, Labelling, LiveFrame, Rig
 from annotate.live.pipeline import LivePipeline
 from annotate.person.extract import PersonMask
 from annotate.segmentation.segmented_person import Segmentation
-from annotate.segmentation.suit_network import shipped_suit_network
 from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
@@ -182,7 +181,8 @@ def labelling_by(suit: Suit | None, weights: Path | None = None) -> Labelling:
     if suit is None:
         coarse = NetworkLabeller(network, single_pass=True)
         return Labelling(lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before), _body_pose)
-    labeller = SuitLabeller(suit, shipped_suit_network().for_suit(suit), single_pass=True)
+    labeller = SuitLabeller(suit, single_pass=True)
+    say(*labeller.notes)
     return Labelling(partial(_suit_labels, labeller, network), _body_pose)
 
 

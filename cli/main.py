@@ -74,6 +74,8 @@ def main() -> None:
     """Run the command. Exit codes: 0 done, 1 an error in one line, 2 wrong usage, 3 done in part."""
     # Child processes import nothing from the current folder, because it may be another person's.
     os.environ["PYTHONSAFEPATH"] = "1"
+    # OpenCV's warnings about damaged images would add lines to the error that names the file.
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     try:
         with interruptible():
             app()

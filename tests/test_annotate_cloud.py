@@ -17,9 +17,11 @@ from conftest import tree
 import annotate_cloud
 from annotate.labelset.label_set import LabelSet, as_read
 from annotate.scheme.scheme_file import load_scheme
+from annotate.suit.palette import suit_to_toml
 from eval.network.onnx_network import OnnxNetwork
 from sensors.errors import CalibrationError, FormatError
 from sensors.session.reader import Session
+from synth.appearance.random_suit import random_suit
 from synth.rig.simulate import suit_path
 from tests.helpers.page_material import write_image_folder
 
@@ -148,8 +150,12 @@ def test_predictions_are_the_commands(depth_folder, tmp_path, command, everybody
     assert np.array_equal(first.labels, theirs.read("000000").parts)
 
 
-def test_recordings_are_labelled_as_by_the_commands(rig_session, tmp_path, command):
+@pytest.mark.parametrize("scheme", ["paper", "hands-and-feet"])
+def test_recordings_are_labelled_as_by_the_commands(rig_session, tmp_path, command, scheme):
     suit = suit_path(rig_session)
+    if scheme != "paper":
+        suit = tmp_path / "suit.toml"
+        suit.write_text(suit_to_toml(random_suit(4, scheme=load_scheme(scheme))))
     for verb, options in (("predict", []), ("label", ["--suit", suit])):
         done = command(verb, rig_session, "--out", tmp_path / verb, *options)
         assert done.code == 0
@@ -162,7 +168,8 @@ def test_recordings_are_labelled_as_by_the_commands(rig_session, tmp_path, comma
     for verb, run in runs.items():
         assert not run.failed and len(run.labels) == 3
         assert tree(tmp_path / verb) == tree(tmp_path / f"own-{verb}")
-    assert annotate_cloud.LabelSet.open(str(tmp_path / "own-label")).frame_ids == run.labels.frame_ids
+    labels = annotate_cloud.LabelSet.open(str(tmp_path / "own-label"))
+    assert labels.frame_ids == run.labels.frame_ids and labels.scheme.name == scheme
 
 
 def test_units_types_and_schemes_of_images(rig_session):

@@ -110,7 +110,28 @@ def test_assignment_is_one_to_one_and_ignores_the_order_of_people(seed, people, 
     assert {int(order[i]): k for i, k in turned.items()} == found
 
 
-@pytest.mark.parametrize("note", [None, [], [[1, 0, 0, 2000]], {"tracks": [{"id": 1}]}, {"tracks": None}])
+KNOWN = {"id": 1, "at_mm": [0, 0, 2000], "mm_per_s": [0, 0, 0], "seen_ns": 0}
+IMPOSSIBLE = [
+    *({"id": 300}, {"id": -1}, {"at_mm": [float("nan")] * 3}, {"at_mm": [1e308, 0, 0]}, {"seen_ns": 10**400}),
+    *({"mm_per_s": [1e308, 0, 0]}, {"mm_per_s": [10**400, 0, 0]}, {"at_mm": [float("inf"), 0, 0]}),
+]
+NOTED = {"stamp_ns": 0, "latest": 1}
+
+
+def test_a_possible_note_has_tracks():
+    tracks = Tracks.of({"people": NOTED | {"tracks": [KNOWN]}})
+    assert [track.number for track in tracks.tracks] == [1]
+
+
+@pytest.mark.parametrize(
+    "note",
+    [
+        *(None, [], [[1, 0, 0, 2000]], {"tracks": [{"id": 1}]}, {"tracks": None}),
+        *(NOTED | {"tracks": [KNOWN | change]} for change in IMPOSSIBLE),
+        *(NOTED | change | {"tracks": [KNOWN]} for change in ({"latest": -5}, {"stamp_ns": 10**400})),
+        NOTED | {"tracks": [KNOWN] * 1000},
+    ],
+)
 def test_a_malformed_note_has_no_tracks(note):
     assert Tracks.of({"people": note}) is None
     assert Tracks.of({}) is None

@@ -202,6 +202,12 @@ def test_one_corrupt_label_fails_alone(annotate_cloud, tmp_path, rig_labels):
         *("simulate x.mcap --seed -1", "simulate x.mcap --frames 0", "simulate x.mcap --subjects many"),
         *("demo --out d --seed -1", "train x --out t --epochs 0", "train x --out t --seed -1"),
         "record r.mcap --device virtual:kinect2 --suit no.toml",
+        *(
+            "adapt . --out a --minutes nan",
+            "train . --out t --minutes inf",
+            "adapt . --out a --minutes 1e308",
+        ),
+        *("train . --out t --checkpoint-minutes nan", "live --seconds nan", "record r.mcap --seconds inf"),
     ],
 )
 def test_wrong_usage_is_2_and_touches_nothing(annotate_cloud, tmp_path, monkeypatch, line):

@@ -26,6 +26,15 @@ def test_a_folder_of_label_sets_and_an_absent_label_set_are_named(annotate_cloud
     assert_refused(annotate_cloud(verb, tmp_path / "absent", *more), "absent does not exist; check its name")
 
 
+@pytest.mark.parametrize("verb", ["fix", "export"])
+def test_a_dataset_in_place_of_a_label_set_is_named(annotate_cloud, tmp_path, verb):
+    (tmp_path / "set").mkdir()
+    (tmp_path / "set" / "dataset.json").write_text("{}")
+    more = {"export": (tmp_path / "out", "--format", "cvat")}.get(verb, ())
+    done = annotate_cloud(verb, tmp_path / "set", *more)
+    assert_refused(done, "set is a dataset, not a label set; give the label set that predict writes of it")
+
+
 def test_repair_of_a_folder(annotate_cloud, tmp_path, rig_session):
     assert_refused(annotate_cloud("repair", tmp_path), f"{tmp_path} is a folder; give a recorded session")
     shutil.copy(rig_session, tmp_path / "take.mcap")

@@ -1,5 +1,6 @@
 """The verbs evaluate, compare, diff and report on label sets of different schemes."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,8 @@ from conftest import assert_refused
 
 from annotate.parts import PAPER
 from annotate.scheme.scheme_file import load_scheme, scheme_to_toml
+from annotate.suit.palette import suit_to_toml
+from synth.appearance.random_suit import random_suit
 from tests.helpers.patches import pair, write_set
 from tests.helpers.schemes import WARD
 
@@ -57,3 +60,20 @@ def test_a_scheme_to_compare_in_is_given(annotate_cloud, folder, tmp_path):
 def test_info_counts_the_pixels_of_the_set_s_own_parts(annotate_cloud, folder):
     pixels = annotate_cloud("info", folder / "truth/ward", "--json").result["pixels"]
     assert list(pixels) == ["background", *(part.name for part in WARD.parts)] and pixels["wheelchair"] > 0
+
+
+def test_labels_in_another_scheme_than_the_suit_s_are_stated_wherever_a_suit_is_given(
+    annotate_cloud, rig_session, tmp_path
+):
+    suit, sessions = tmp_path / "six.toml", tmp_path / "sessions"
+    suit.write_text(suit_to_toml(random_suit(4, scheme=load_scheme("six"))))
+    sessions.mkdir()
+    shutil.copy(rig_session, sessions)
+    for command in (
+        ("label", rig_session, "--out", tmp_path / "one"),
+        ("label", sessions, "--out", tmp_path / "each"),
+        ("live", rig_session, "--no-window"),
+    ):
+        done = annotate_cloud(*command, "--suit", suit)
+        assert done.code == 0, done.err
+        assert done.err.count("labels have the parts of scheme 'paper'") == 1, command

@@ -193,6 +193,13 @@ def test_a_gain_within_chance_and_a_certain_loss_of_joints_are_refused():
     assert not found.is_certain and not found.is_harmless
 
 
+def test_held_out_spans_without_sure_labels_are_refused():
+    found = scores(0.6, 0.7, 0.8)
+    found.confusion[1:] = 0
+    with pytest.raises(CloudError, match="fewer than two held-out spans have parts"):
+        gain_of(*[(found, scores(0.9))] * (1 + len(SHARES)))
+
+
 def test_a_gain_is_read_from_its_record():
     kept = scores(0.9)
     found = gain_of(*[(scores(0.6, 0.7, 0.8), kept)] * (1 + len(SHARES)))

@@ -11,13 +11,14 @@ import pytest
 pytest.importorskip("torch")
 
 import torch
-from conftest import tree
+from conftest import assert_refused, tree
 
 from annotate.correction.correction import Correction
 from annotate.correction.relabel import relabel
 from annotate.correction.teaching_order import teaching_order
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import LabelSet
+from annotate.labelset.scheme_note import scheme_note
 from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN
 from eval.fine_tuning import fine_tune as tuning
@@ -32,6 +33,8 @@ from eval.training.segmentation.network import load_suit_network
 from eval.training.segmentation.train import Stage
 from sensors.errors import CloudError, ExistsError
 from sensors.rig.camera import Intrinsics
+from tests.helpers import witnessed_sets
+from tests.helpers.schemes import WARD
 
 SIDE, IDS = 48, tuple(f"{i:06}" for i in range(8))
 DONE = IDS[:5]
@@ -59,7 +62,8 @@ def written(path: Path, **info) -> Path:
         first = np.where(true > 0, np.uint8(2), np.uint8(0))
         first[40:44, 12 + n : 32 + n] = 2
         confidence = np.full((SIDE, SIDE), 0.5 + 0.01 * n, np.float32)
-        labels.write(FrameLabels(frame_id, depth, first, confidence, notes={"confidence": 0.5 + 0.01 * n}))
+        notes = {"confidence": 0.5 + 0.01 * n}
+        labels.write(FrameLabels(frame_id, depth, first, confidence, notes=notes, scheme=labels.scheme))
     return path
 
 
@@ -138,6 +142,22 @@ def test_the_interval_covers_the_mean_change():
     assert 0.86 < hit / 400 < 0.94
 
 
+def test_a_set_without_untouched_frames_has_none_to_rehearse(tmp_path):
+    path = witnessed_sets.written(tmp_path / "labels", witnessed_sets.COLOUR)
+    for frame_id in LabelSet.open(path).frame_ids:
+        witnessed_sets.judged(path, frame_id, "accept")
+    assert rehearsed_frames(path) == []
+
+
+def test_a_network_is_not_written_into_its_label_set(annotate_cloud, tmp_path):
+    path = witnessed_sets.written(tmp_path / "labels", witnessed_sets.COLOUR)
+    before = tree(path)
+    for verb in ("learn", "adapt"):
+        refused = annotate_cloud(verb, path, "--out", path / "model")
+        assert_refused(refused, f"{path / 'model'} is inside the label set {path}; choose another folder")
+    assert tree(path) == before
+
+
 def test_rehearsed_frames_are_untouched_and_keep_sure_parts_only(corrected):
     with Correction.open(corrected) as correction:
         labels = correction.labels
@@ -150,6 +170,20 @@ def test_rehearsed_frames_are_untouched_and_keep_sure_parts_only(corrected):
     np.testing.assert_array_equal(found.corrected.parts[:24], sure.parts[:24])
     assert (found.corrected.parts[24:][body[24:]] == UNDEFINED).all()
     assert (found.corrected.parts[~body] == BACKGROUND).all()
+
+
+def test_in_a_scheme_with_things_no_background_is_rehearsed_because_undrawn_things_lie_in_it(tmp_path):
+    path = written(tmp_path / "labels", **scheme_note(WARD))
+    for frame_id in DONE:
+        witnessed_sets.judged(path, frame_id, "accept")
+    with Correction.open(path) as correction:
+        sure = correction.labels.read(IDS[6])
+        sure.confidence[:] = 0.95
+        correction.labels.write(sure)
+    (found,) = rehearsed_frames(path)
+    body = sure.parts > 0
+    np.testing.assert_array_equal(found.corrected.parts[body], sure.parts[body])
+    assert (found.corrected.parts[~body] == UNDEFINED).all()
 
 
 def test_a_network_part_of_the_way_lies_between_start_and_end(corrected, tmp_path):

@@ -219,6 +219,13 @@ def test_proposed_colours_pass_the_check(scheme):
     assert [(p.id, p.name) for p in proposed.parts] == [(p.id, p.name) for p in scheme.parts]
 
 
+def test_proposed_colours_show_on_a_white_page():
+    scheme = atlas_and_things(6)
+    proposed = with_proposed_colors(scheme, [part.id for part in scheme.parts])
+    seen = lab([part.rgb for part in proposed.parts])
+    assert np.linalg.norm(seen - lab([(255, 255, 255)]), axis=2).min() > 10
+
+
 @given(schemes(), st.integers(0, 2**32 - 1))
 @settings(deadline=None, max_examples=10)
 def test_only_missing_and_near_colours_change(scheme, seed):

@@ -119,7 +119,7 @@ def test_a_file_without_a_scheme_is_of_the_given_one_where_the_number_of_classes
     del model.metadata_props[:]
     onnx.save(model, unnamed)
     assert OnnxNetwork(unnamed, scheme=SIX).own == SIX
-    with pytest.raises(FormatError, match=r"output \(2, 7, .* give a network of 12 classes"):
+    with pytest.raises(FormatError, match=r"output \(2, 7, .* give a network of 12 classes .*--scheme"):
         OnnxNetwork(unnamed)
     with pytest.raises(FormatError, match=r"output \(2, 7, .* give a network of 16 classes"):
         OnnxNetwork(unnamed, scheme=HANDS)

@@ -10,7 +10,7 @@ from annotate.label_recording import SuitLabeller, label_cloud
 from annotate.parts import BODY_PARTS, PAPER
 from annotate.scheme.merging import class_shares, class_sums
 from annotate.scheme.regions import Region
-from annotate.scheme.scheme import scheme_of
+from annotate.scheme.scheme import Part, scheme_of
 from annotate.scheme.scheme_file import SHIPPED, load_scheme, scheme_to_toml
 from annotate.segmentation.input_channels import CHANNELS, Rectangle
 from annotate.segmentation.segment import View
@@ -37,7 +37,8 @@ from synth.rig.virtual_rig import RigOptions, VirtualRig
 from tests.helpers.schemes import WARD, frame_in
 
 SCHEMES = [*map(load_scheme, SHIPPED), WARD]
-HANDS = load_scheme("hands-and-feet")
+HANDS, KINECT = load_scheme("hands-and-feet"), load_scheme("kinect")
+CHAIR = scheme_of("chair", [*PAPER.parts, Part(12, "wheelchair", "Wheelchair", (9, 200, 9))])
 SUITS = [random_suit(3, scheme=scheme) for scheme in (load_scheme("six"), load_scheme("atlas"), WARD)]
 
 
@@ -96,6 +97,17 @@ def test_a_part_of_the_paper_is_as_likely_as_its_likeliest_region(suit):
     for part, likely in zip(BODY_PARTS, model.by_part(match), strict=True):
         regions = [region - 1 for region in Region if PAPER.table[region] == part.id]
         np.testing.assert_array_equal(likely, by_region[regions].max(axis=0))
+
+
+@pytest.mark.parametrize("name", ["paper", "kinect", "atlas"])
+def test_skin_is_the_head_s_and_not_the_neck_s(name):
+    """A neck that is a part of its own has a cloth."""
+    scheme = load_scheme(name)
+    model = unfitted(random_suit(5, scheme=scheme))
+    skin = next(row for row, bare in zip(model.worn_in(scheme), model.bare, strict=True) if bare)
+    head, neck = (scheme.table[region] for region in (Region.HEAD, Region.NECK))
+    shown = scheme.class_ids[scheme.body_classes][skin]
+    assert head in shown and (neck in shown) == (neck == head)
 
 
 @pytest.mark.parametrize("suit", [DEFAULT_SUIT, *SUITS], ids=lambda suit: suit.scheme.name)
@@ -178,10 +190,44 @@ def test_labels_have_the_suit_s_parts_where_its_colours_tell_them_apart():
         (bare, PAPER),
         (in_gloves(alike=True), PAPER),
         (random_suit(4, scheme=load_scheme("six")), PAPER),
+        (random_suit(4, scheme=load_scheme("trunk-and-limbs")), PAPER),
+        (random_suit(4, scheme=KINECT), KINECT),
         (SUITS[2], WARD),
     ):
-        assert network.for_suit(suit).scheme == scheme
+        assert network.for_suit(suit).scheme == SuitLabeller(suit).scheme == scheme
+        states = suit is not None and suit.scheme != scheme
+        notes = [note for note in SuitLabeller(suit).notes if "labels have the parts of" in note]
+        assert len(notes) == states, notes
     assert network.scheme == PAPER
+
+
+def test_a_suit_of_the_network_s_parts_keeps_its_things():
+    """A network that has learnt a wheelchair, and the same suit as before."""
+    taught = shipped_suit_network().labelling(CHAIR)
+    vars(taught)["own"] = CHAIR
+    for suit, scheme, lost in (
+        (DEFAULT_SUIT, CHAIR, []),
+        (replace(DEFAULT_SUIT, scheme=CHAIR), CHAIR, []),
+        (random_suit(4, scheme=load_scheme("six")), CHAIR, []),
+        (in_gloves(), HANDS, ["wheelchair"]),
+        (SUITS[2], WARD, []),
+    ):
+        labeller = SuitLabeller(suit, taught.for_suit(suit))
+        assert labeller.scheme == scheme
+        assert [note.split()[2] for note in labeller.notes if "labels lack" in note] == lost
+
+
+@pytest.mark.parametrize("live", [False, True])
+def test_kinect_s_pelvis_is_labelled_by_its_colour(live):
+    rig = VirtualRig(1, 1, "clean", 5, RigOptions(draft=True, scheme=KINECT))
+    ((frame, truth),) = rig.with_truth()
+    true = truth_labels(frame, truth, rig.calibration.depth, KINECT).parts
+    labeller = SuitLabeller(rig.suit, single_pass=live)
+    found, _ = label_cloud(labeller, labeller.fuser(rig.calibration).fuse_frame(frame), None)
+    assert found.scheme == KINECT
+    for name in ("pelvis", "spine_navel", "spine_chest", "hip_left", "hip_right"):
+        part = KINECT.part_id[name]
+        assert (found.parts[true == part] == part).mean() > 0.7, name
 
 
 @pytest.mark.parametrize("scheme", [HANDS, WARD, load_scheme("atlas")], ids=lambda scheme: scheme.name)
@@ -194,13 +240,16 @@ def test_shares_of_a_divided_class_are_equal_and_add_up(scheme):
         assert (shares[rows] == shares[rows[0]]).all()
 
 
-def test_gloves_and_socks_are_labelled_by_their_colours():
+@pytest.mark.parametrize("live", [False, True])
+def test_gloves_and_socks_are_labelled_by_their_colours(live):
     rig = VirtualRig(1, 1, "clean", 5, RigOptions(draft=True, suit=in_gloves(), scheme=HANDS))
     ((frame, truth),) = rig.with_truth()
     true = truth_labels(frame, truth, rig.calibration.depth, HANDS).parts
-    labeller = SuitLabeller(rig.suit, shipped_suit_network().for_suit(rig.suit))
+    labeller = SuitLabeller(rig.suit, single_pass=live)
     found, _ = label_cloud(labeller, labeller.fuser(rig.calibration).fuse_frame(frame), None)
     assert found.scheme == HANDS
+    # The confidence of a divided class is the sum of its shares.
+    assert found.confidence[np.isin(true, [HANDS.part_id["left_hand"], HANDS.part_id["hip"]])].mean() > 0.8
     for name in ("left_hand", "right_hand", "left_foot", "right_foot", "left_forearm"):
         part = HANDS.part_id[name]
         assert (found.parts[true == part] == part).mean() > 0.7, name

@@ -110,7 +110,8 @@ def test_no_plate_no_holes():
 
 
 @pytest.mark.parametrize(
-    "fields", [{"rows": 10}, {"columns": 1}, {"hole_m": 0.06}, {"pitch_m": 0.0}, {"hole_m": -1.0}]
+    "fields",
+    [{"rows": 10}, {"columns": 1}, {"hole_m": 0.06}, {"pitch_m": 0.0}, {"pitch_m": np.inf}, {"hole_m": -1.0}],
 )
 def test_a_plate_that_cannot_be_is_refused(fields):
     with pytest.raises(CalibrationError):

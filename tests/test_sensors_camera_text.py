@@ -194,3 +194,19 @@ def test_a_folder_finds_its_camera_by_the_names_that_programs_use(name, dialect,
     file.parent.mkdir(exist_ok=True)
     file.write_text(DIALECTS[dialect])
     assert open_source(tmp_path).calibration.depth.fx == pytest.approx(55.25)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"fy": None, "cx": None}, "it lacks cx, fy"),
+        ({"fx": "wide", "cy": True}, "fx is 'wide', cy is 'True', not a number"),
+    ],
+)
+def test_a_file_of_ours_names_its_faulty_keys(tmp_path, change, words):
+    fields = {"width": 640, "height": 480, "fx": 600.0, "fy": 600.0, "cx": 320.0, "cy": 240.0} | change
+    path = tmp_path / "camera.json"
+    path.write_text(json.dumps({key: value for key, value in fields.items() if value is not None}))
+    with pytest.raises(CalibrationError, match=words) as caught:
+        read_intrinsics(path)
+    assert "[" not in str(caught.value)

@@ -172,7 +172,7 @@ def test_landmarks_give_a_square_about_the_face(rig_session, tmp_path):
     assert heads.outlines(0) == []
     ((corners_px, _),) = heads.outlines(1)
     np.testing.assert_allclose([corners_px.min(axis=0), corners_px.max(axis=0)], [(80, 30), (120, 70)])
-    for text in ("[1]", '{"0": [[]]}', json.dumps({"0": [[[1e9, 0, 1]] * 33]})):
+    for text in ("[1]", '{"0": [[]]}', *(json.dumps({"0": [[[x, 0, 1]] * 33]}) for x in (1e9, 10**400))):
         (tmp_path / "people.json").write_text(text)
         with pytest.raises(FormatError, match=r"pose file|landmarks"):
             read_faces(tmp_path / "people.json")

@@ -75,6 +75,24 @@ def test_a_folder_of_another_origin_stays(annotate_cloud, rig_session, witness, 
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
+def test_a_recording_that_cannot_be_imported_leaves_nothing(annotate_cloud, rig_session, witness, tmp_path):
+    """The same command with another recording then starts in the same place."""
+    folder, out = tmp_path / "folder", tmp_path / "out"
+    write_image_folder(folder, Session(rig_session))
+    damaged = folder / "depth" / "000001.png"
+    damaged.write_bytes(damaged.read_bytes()[:50])
+    assert_refused(annotate_cloud("try", folder, "--out", out), damaged)
+    assert not out.exists()
+
+
+def test_refusals_name_no_option_that_try_lacks(annotate_cloud, rig_session, witness, tmp_path):
+    (tmp_path / "try.json").write_text(json.dumps({"recording": str(rig_session.resolve())}))
+    (tmp_path / "by-colour").touch()
+    refused = annotate_cloud("try", rig_session, "--out", tmp_path)
+    assert_refused(refused, "by-colour already exists; choose another folder")
+    assert "--overwrite" not in refused.err
+
+
 @pytest.mark.parametrize(("name", "recall"), [("sofa", 0.5), ("upper_body", 0.5)])
 def test_real_recordings_are_tried(annotate_cloud, shared_data, tmp_path, name, recall):
     if not all((models_folder() / model).is_file() for model in SHA256):

@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from importlib.resources import files
 from itertools import product as pairs
 
 import numpy as np
@@ -17,14 +18,17 @@ from annotate.witness.fusion import KIND, fused, head_by_depth, in_scheme, shipp
 from annotate.witness.limbs import ALONG, SEGMENTS, distances
 from annotate.witness.outline import outline
 from annotate.witness.skeleton import HALF_THICK, JOINT, JOINTS, Skeleton, Surface, skeleton_of
+from eval.network.body_state import BodyState
 from eval.network.colour.colour_labeller import ColourLabeller, label_by_colour
 from eval.network.colour.suit_and_colour import product
 from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import confusion_matrix, mean_recall, person_iou
+from eval.scores.joints import IN_SKELETON
 from sensors.errors import CalibrationError
 from sensors.rig.camera import Intrinsics, project
 from sensors.rig.rig_calibration import Pose, RigCalibration
 from sensors.session.reader import Session
+from synth.body.skeleton import JOINT_ID
 from tools.fit.witness_errors import NAMES, WitnessErrors
 from tools.measure.by_colour import simulated
 
@@ -72,6 +76,27 @@ def test_an_unseen_joint_comes_from_the_depth_network_at_a_possible_length():
     bone = completed.joints_m[JOINT["left_wrist"]] - known[JOINT["left_elbow"]]
     assert 0.25 < np.linalg.norm(bone) < 0.35
     assert completed.sd[JOINT["left_wrist"]] > 0 == completed.sd[JOINT["right_wrist"]]
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_neck_and_pelvis_are_given_where_the_bodies_have_them(number):
+    rest = np.load(files("synth") / "data" / f"body_{number}.npz")["joints_m"]
+    middles = {
+        middle: rest[[JOINT_ID[f"{side}_{kind}"] for side in ("left", "right")]].mean(axis=0)
+        for middle, kind in (("neck", "shoulder"), ("pelvis", "hip"))
+    }
+    trunk_m = np.linalg.norm(middles["neck"] - middles["pelvis"])
+    joints_m = np.full((len(JOINTS), 3), np.nan)
+    joints_m[[JOINT[name] for name in middles]] = list(middles.values())
+    by_colour = Skeleton(joints_m, np.zeros(len(JOINTS)), trunk_m)
+    for name in middles:
+        off = by_colour.body_joints_m()[JOINT[name]] - rest[JOINT_ID[name]]
+        assert np.linalg.norm(off) < 0.05 * trunk_m
+    assert np.isnan(by_colour.body_joints_m()[JOINT["head"]]).all()
+    network = replace(by_colour, joints_m=np.full_like(joints_m, np.nan)).completed(rest[IN_SKELETON])
+    np.testing.assert_array_equal(network.body_joints_m(), rest[IN_SKELETON])
+    joints_m[JOINT["pelvis"]] = np.nan
+    assert np.isnan(by_colour.body_joints_m()[JOINT["neck"]]).all()
 
 
 def test_distances_are_those_of_a_naive_search_along_each_segment():
@@ -159,6 +184,16 @@ def test_two_labels_combine_as_their_distributions():
         assert sure[0] == pytest.approx(both.max(), abs=1e-5)
 
 
+def median_off_mm(known: LabelSet, labels: LabelSet, name: str) -> float:
+    """Return the median distance of a joint from its true place, millimetres."""
+    off = []
+    for frame_id in labels.frame_ids:
+        state = BodyState.from_note(labels.read(frame_id).notes["bearing"])
+        true = np.array(known.read(frame_id).notes["joints_mm"])[IN_SKELETON]
+        off.append(state.joints_mm(labels.intrinsics) - true)
+    return float(np.median(np.linalg.norm(np.array(off)[:, JOINT[name]], axis=1)))
+
+
 def test_a_recording_is_labelled_by_a_witness_and_resumes_to_the_bit(rig_session, tmp_path):
     session = Session(rig_session)
     nothing = WitnessErrors(0, 0, 0, 0, 0)
@@ -173,6 +208,7 @@ def test_a_recording_is_labelled_by_a_witness_and_resumes_to_the_bit(rig_session
     )
     assert mean_recall(matrix) > 0.9
     assert person_iou(matrix, PAPER) > 0.95
+    assert median_off_mm(known, run.labels, "neck") < 40
     kept = tree(tmp_path / "l")
     shutil.copytree(tmp_path / "l", tmp_path / "again")
     last = run.labels.frame_ids[-1]

@@ -49,7 +49,7 @@ def thumbnail_m(depth_mm: UInt16) -> Float32:
 
 def distances_m(thumbnails: Sequence[Float32]) -> Float32:
     """Return the distances (n, n) of thumbnails."""
-    stack = np.array(thumbnails, np.float32).reshape(len(thumbnails), -1)
+    stack = np.array(thumbnails, np.float32).reshape(len(thumbnails), CELLS[0] * CELLS[1])
     rows = [np.sqrt(np.square(stack - one).mean(axis=1)) for one in stack]
     return np.array(rows, np.float32).reshape(len(stack), len(stack))
 

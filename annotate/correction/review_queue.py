@@ -10,6 +10,7 @@ from statistics import median
 from annotate.correction.correction import Correction
 from annotate.correction.replay import is_stroke, rejected_by, verdicts
 from annotate.labelset.stroke import Stroke
+from annotate.segmentation.labels_of_frame import confidence_in, remarks_in
 from annotate.segmentation.segment import UNSURE_ISLAND
 from sensors.errors import CloudError
 
@@ -81,16 +82,15 @@ def progress(correction: Correction, frame_ids: list[str]) -> Progress:
 def confidence_of(correction: Correction, frame_id: str) -> float | None:
     """Return the mean confidence in a frame's notes; None if unknown, -1 for corrupt notes."""
     try:
-        value = correction.labels.notes(frame_id).get("confidence")
+        return confidence_in(correction.labels.notes(frame_id))
     except CloudError:
         return -1.0
-    return float(value) if isinstance(value, int | float) else None
 
 
 def has_unsure_island(correction: Correction, frame_id: str) -> bool:
     """Return whether a frame's notes name a piece apart from the body; False for corrupt notes."""
     try:
-        return UNSURE_ISLAND in correction.labels.notes(frame_id).get("notes", ())
+        return UNSURE_ISLAND in remarks_in(correction.labels.notes(frame_id))
     except CloudError:
         return False
 

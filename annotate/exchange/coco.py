@@ -67,7 +67,7 @@ def write_coco(frames: Iterator[FrameLabels], companion: Companion, out: Path) -
             points = keypoints_of(frame) if (mask.name, mask.person) == (PERSON, 1) else {}
             annotations.append(own | _mask_fields(mask) | points)
     has_joints = any("keypoints" in annotation for annotation in annotations)
-    things = {part.name for part in companion.scheme.parts if part.is_free}
+    things = companion.scheme.things
     categories = [
         {"id": n, "name": name, "supercategory": "thing" if name in things else PERSON}
         | (SKELETON if has_joints and name == PERSON else {})

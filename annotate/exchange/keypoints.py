@@ -28,7 +28,7 @@ def keypoints_of(frame: FrameLabels) -> dict[str, Any]:
         joints = np.array(note["joints_px"], np.float64)
         if joints.shape != (len(JOINT_NAMES), 3):
             raise ValueError(f"shape {joints.shape}")
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise frame.error(
             f"note bearing.joints_px is malformed ({error}); give {len(JOINT_NAMES)} x 3 numbers"
         ) from error

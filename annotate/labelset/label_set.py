@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from annotate.array_types import Float32, UInt8
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset import images
+from annotate.labelset.dataset import MANIFEST as DATASET_MANIFEST
 from annotate.labelset.dataset import Entry
 from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
@@ -336,15 +337,12 @@ def _of_step(step: object) -> str:
     return f"{step}.confidence.png"
 
 
-def label_sets_in(folder: Path) -> list[Path]:
-    """Return the label sets directly inside a folder."""
-    return paths_in_order(manifest.parent for manifest in folder.glob(f"*/{MANIFEST}"))
-
-
 def _no_label_set(path: Path) -> str:
     """Return the reason and the remedy for a path without a label set."""
     if not path.exists():
         return f"{path} does not exist; check its name"
-    if inside := label_sets_in(path):
+    if inside := paths_in_order(manifest.parent for manifest in path.glob(f"*/{MANIFEST}")):
         return f"{path} is a folder of label sets ({len(inside)} in all); give one, e.g. {inside[0]}"
+    if (path / DATASET_MANIFEST).is_file():
+        return f"{path} is a dataset, not a label set; give the label set that predict writes of it"
     return f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote"

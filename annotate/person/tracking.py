@@ -24,6 +24,8 @@ PLACE_M, SPEED_M_S = 0.25, 0.5  # standard deviations of a predicted place: at o
 MOST_ERROR = 3.5  # of a predicted place, standard deviations
 NEW_PERSON = 20.0  # -2 log likelihood of a place without a track
 SPEED_S = 0.6  # decay of the earlier speed
+MOST_TRACKS = 2 * MOST_PERSONS  # of a note: shown in earlier frames, and in the last one
+FARTHEST = 1e4  # metres or metres a second, of a note's place or speed
 MOST_AHEAD_S = 0.3  # for which a lost person's speed holds
 
 
@@ -85,9 +87,22 @@ class Tracks:
                 )
                 for row in note["tracks"]
             ]
-            return cls(int(note["stamp_ns"]), tuple(tracks), int(note["latest"]))
+            found = cls(int(note["stamp_ns"]), tuple(tracks), int(note["latest"]))
         except (TypeError, KeyError, ValueError, OverflowError):
             return None
+        return found if found._is_possible() else None
+
+    def _is_possible(self) -> bool:
+        """Return whether all ids, places, speeds and times are within bounds."""
+        ids = (self.latest, *(track.number for track in self.tracks))
+        times = (self.stamp_ns, *(track.seen_ns for track in self.tracks))
+        moves = [values for track in self.tracks for values in (track.at_m, track.m_per_s)]
+        return (
+            len(self.tracks) <= MOST_TRACKS
+            and all(0 <= number <= MOST_PERSONS for number in ids)
+            and all(abs(time) < 2**63 for time in times)
+            and all((np.abs(values) <= FARTHEST).all() for values in moves)
+        )
 
 
 class Sightings:

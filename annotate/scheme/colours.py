@@ -17,6 +17,7 @@ BACKGROUND_DISTANCE = 35.0  # CIE 1976, of parts and the background: the least o
 OTHER_DISTANCE = 3.0  # CIE 1976, of other pairs; 2.3 is just noticeable; 254 colours of the grid keep it
 MARKS_RGB = ((255, 255, 0), (255, 0, 255), (0, 255, 255), (255, 255, 255))
 MARK_DISTANCE = 10.0  # CIE 1976, of a mark's colour and all parts; untuned
+PAGE_RGB = (255, 255, 255)  # of reports; no proposal is near it
 GRID = 16  # proposed values of each channel: 4096 colours
 
 EYES: dict[str, Float64] = {
@@ -116,11 +117,11 @@ def with_proposed_colors(scheme: Scheme, without: Collection[int] = ()) -> Schem
     if len(kept) == len(parts):
         return scheme
     grid_rgb, grid = _grid()
-    # Rows: distances of the grid to each coloured part; the last: to undefined.
+    # Rows: distances of the grid to each coloured part; the last: to undefined and the page.
     distances = np.full((len(parts) + 1, len(grid_rgb)), np.inf)
     required = np.pad(required, ((0, 0), (0, 1)))
     distances[kept] = [_distances(grid, lab([parts[i].rgb])) for i in kept]
-    distances[-1] = _distances(grid, lab([UNDEFINED_RGB]))
+    distances[-1] = np.minimum(*(_distances(grid, lab([rgb])) for rgb in (UNDEFINED_RGB, PAGE_RGB)))
     touching = (required == TOUCHING_DISTANCE).sum(axis=1)
     colored = list(parts)
     for i in sorted(set(range(len(parts))) - set(kept), key=lambda i: (-touching[i], i)):

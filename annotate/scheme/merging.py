@@ -94,8 +94,7 @@ def finest_common(first: Scheme, second: Scheme) -> CommonScheme:
     """
     one, other = sorted((first, second), key=lambda scheme: (len(scheme.parts), scheme.name))
     classes = joined_classes(part.regions for part in (*one.parts, *other.parts) if not part.is_free)
-    free = {part.name for part in one.parts if part.is_free}
-    free &= {part.name for part in other.parts if part.is_free}
+    free = one.things & other.things
     common = next((scheme for scheme in (one, other) if _is_made_of(scheme, classes, free)), None)
     if common is None:
         common = _scheme(one, other, classes, free)
@@ -111,13 +110,12 @@ def joined_classes(sets: Iterable[Regions]) -> list[Regions]:
     return sorted(classes, key=min)
 
 
-def _is_made_of(scheme: Scheme, classes: list[Regions], free: set[str]) -> bool:
-    return {part.regions for part in scheme.parts if not part.is_free} == set(classes) and {
-        part.name for part in scheme.parts if part.is_free
-    } == free
+def _is_made_of(scheme: Scheme, classes: list[Regions], free: frozenset[str]) -> bool:
+    body = {part.regions for part in scheme.parts if not part.is_free}
+    return body == set(classes) and scheme.things == free
 
 
-def _scheme(one: Scheme, other: Scheme, classes: list[Regions], free: set[str]) -> Scheme:
+def _scheme(one: Scheme, other: Scheme, classes: list[Regions], free: frozenset[str]) -> Scheme:
     """Return a new scheme of classes of regions and names of things."""
     kept = [part for part in one.parts if part.regions in classes or (part.is_free and part.name in free)]
     own = {part.regions: part for part in other.parts}

@@ -132,6 +132,11 @@ class Scheme:
         """Return flags (256,) by id: True for things."""
         return self._flags([part.id for part in self.parts if part.is_free])
 
+    @cached_property
+    def things(self) -> frozenset[str]:
+        """Return the names of the things."""
+        return frozenset(part.name for part in self.parts if part.is_free)
+
     def _flags(self, ids: list[int]) -> Bool:
         flags = np.zeros(256, np.bool_)
         flags[ids] = True

@@ -38,7 +38,9 @@ def refine_borders(
     own = chance.reshape(len(chance), -1).take(np.flatnonzero(undecided), axis=1)
     scores = np.log(np.maximum(own, np.finfo(np.float32).tiny))
     if illuminant is not None:
-        scores += np.float32(OWN_COLOR) * _by_color(cloud, where, undecided, scores, (illuminant, scheme))
+        rgb = cloud.color_rgb[where][undecided]
+        usable = readable(rgb, cloud.color_valid[where][undecided])
+        scores += by_color(rgb, usable, scores, (illuminant, scheme))
     index = np.full(undecided.shape, -1, np.int32)
     index[undecided] = np.arange(scores.shape[1])
     named, sure = np.zeros(undecided.shape, np.uint8), np.zeros(undecided.shape, np.float32)
@@ -49,23 +51,20 @@ def refine_borders(
     return named, sure
 
 
-def _by_color(
-    cloud: ThermalCloud, where: Rectangle, undecided: Bool, scores: Float32, suit: tuple[ColorModel, Scheme]
-) -> Float32:
-    """Return the log likelihood (K + 1, n) of the undecided pixels' colours; 0 without a colour.
+def by_color(rgb: UInt8, usable: Bool, scores: Float32, suit: tuple[ColorModel, Scheme]) -> Float32:
+    """Return the weighted log likelihood (K + 1, n) of colours uint8 (n, 3); 0 where not ``usable`` (n,).
 
-    suit: its colours, and the scheme of the classes.
+    scores: (K + 1, n), log probabilities of a scheme's classes and another person. suit: its colours, and the
+    scheme.
     """
     illuminant, scheme = suit
     found, parts = np.zeros_like(scores), scheme.body_classes
     others = np.setdiff1d(np.arange(len(scores)), parts)
-    rgb = cloud.color_rgb[where][undecided]
-    usable = readable(rgb, cloud.color_valid[where][undecided])
     of_parts = illuminant.evidence(rgb[usable], scheme)
     weight = np.exp(scores[parts][:, usable])
     found[np.ix_(parts, usable)] = of_parts
     found[np.ix_(others, usable)] = (weight * of_parts).sum(axis=0) / weight.sum(axis=0)
-    return found
+    return np.float32(OWN_COLOR) * found
 
 
 @njit(cache=True, nogil=True)

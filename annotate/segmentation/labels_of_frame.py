@@ -30,7 +30,21 @@ def notes_of(result: Segmentation, remarks: Sequence[str] = ()) -> dict[str, Any
 
 def review_rank(notes: Mapping[str, Any]) -> tuple[bool, float]:
     """Return the sort key of a frame's notes: unsure islands first, then the lowest mean confidence."""
-    return UNSURE_ISLAND not in notes.get("notes", ()), float(notes.get("confidence", 0.0))
+    return UNSURE_ISLAND not in remarks_in(notes), confidence_in(notes) or 0.0
+
+
+def remarks_in(notes: Mapping[str, Any]) -> list[str]:
+    """Return the remarks of a frame's notes; none of malformed notes."""
+    remarks = notes.get("notes")
+    return [one for one in remarks if isinstance(one, str)] if isinstance(remarks, list) else []
+
+
+def confidence_in(notes: Mapping[str, Any]) -> float | None:
+    """Return the mean confidence of a frame's notes, in [0, 1]; None without one or for another value."""
+    value = notes.get("confidence")
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return None
+    return float(value) if 0 <= value <= 1 else None
 
 
 def labels_of(

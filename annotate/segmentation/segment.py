@@ -18,7 +18,7 @@ from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.merging import converts
 from annotate.scheme.scheme import BACKGROUND, Scheme
 from annotate.segmentation.bare_sides import settle_sides
-from annotate.segmentation.border_refinement import refine_borders
+from annotate.segmentation.border_refinement import by_color, refine_borders
 from annotate.segmentation.input_channels import (
     SEEN,
     VALID,
@@ -183,7 +183,8 @@ def fine_pass(
     chance = flip_averaged(network, planes, step, near)
     if illuminant is not None:
         chance = settle_sides(cloud, where, chance, illuminant, network.scheme)
-    return where, *refine_borders(cloud, where, chance, illuminant, network.scheme)
+    named, sure = refine_borders(cloud, where, chance, illuminant, network.scheme)
+    return where, named, network.undivided(chance, named) if network.divides else sure
 
 
 def _single_pass(
@@ -197,14 +198,31 @@ def _single_pass(
     if illuminant is not None:
         planes = with_likelihoods(planes, view.rgb[some], illuminant, scheme=network.own)
     chance = network.probabilities(planes, 1, samples)
+    sampled = chance.argmax(axis=0).astype(np.uint8)
+    sure = chance.max(axis=0)
+    if network.divides and illuminant is not None:
+        sampled = _divided(chance, planes[:, *samples], view.rgb[some][samples], illuminant, network.scheme)
+        sure = network.undivided(chance, sampled)
     near = Rectangle(*(slice(own.start - own.start % step, own.stop) for own in near))
     where = view.where.part(near)
     depth_mm = np.ascontiguousarray(cloud.depth_mm[where])
     pixel = np.arange(depth_mm.size).reshape(depth_mm.shape)[some]
     pixel = np.where(depth_mm[some] > 0, pixel, -1)
-    named = nearest_labels(depth_mm, pixel, chance.argmax(axis=0).astype(np.uint8), step)
-    sure = chance.max(axis=0).repeat(step, axis=0).repeat(step, axis=1)
+    named = nearest_labels(depth_mm, pixel, sampled, step)
+    sure = sure.repeat(step, axis=0).repeat(step, axis=1)
     return where, named, sure[: named.shape[0], : named.shape[1]]
+
+
+def _divided(chance: Float32, planes: UInt8, rgb: UInt8, illuminant: ColorModel, scheme: Scheme) -> UInt8:
+    """Return the likeliest class (h, w) of a scheme by probabilities (k, h, w) and by colours (h, w, 3).
+
+    planes: channels (n, h, w) of the same samples.
+    """
+    scores = np.log(np.maximum(chance, np.finfo(np.float32).tiny)).reshape(len(chance), -1)
+    colors = rgb.reshape(-1, 3)
+    usable = readable(colors, ((planes[0] & SEEN) > 0).ravel())
+    scores += by_color(colors, usable, scores, (illuminant, scheme))
+    return np.asarray(scores.argmax(axis=0).reshape(chance.shape[1:]), np.uint8)
 
 
 def coarse_pass(view: View, suit: Suit, network: SuitNetwork) -> tuple[Rectangle, ColorModel]:

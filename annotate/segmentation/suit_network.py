@@ -69,16 +69,19 @@ class SuitNetwork(SchemeNetwork):
     def for_suit(self, suit: Suit | None) -> "SuitNetwork":
         """Return the network with labels in the suit's scheme, or in the usual scheme without a suit.
 
-        Where the suit's parts are finer than the classes, its colours divide them. If a finer part has no
-        colour of its own, or if the suit's parts join classes, the usual scheme is kept.
+        Colours divide classes that lie in several parts of the suit. The usual scheme is kept if such a part
+        has no colour of its own, or if the suit's parts only join classes. It is also kept if the network
+        has the suit's parts and more things.
         """
         if suit is None:
             return self.in_scheme(self.usual_scheme)
         if self.own.is_of_regions:
             return self.in_scheme(suit.scheme)
-        if converts(suit.scheme, self.own) and divides(suit, self.own):
-            return self.labelling(suit.scheme)
-        return self.in_scheme(self.usual_scheme)
+        joins, same = converts(self.own, suit.scheme), converts(suit.scheme, self.own)
+        usual = joins and (not same or self.own.things > suit.scheme.things)
+        if usual or not divides(suit, self.own):
+            return self.in_scheme(self.usual_scheme)
+        return self.labelling(suit.scheme)
 
     def _load(self, file: bytes) -> None:
         self._file, self.sha256 = file, hashlib.sha256(file).hexdigest()

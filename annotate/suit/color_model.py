@@ -25,7 +25,7 @@ SIGMA = 0.05  # expected standard deviation of a swatch's chromaticity, on folds
 SIGMA_POINTS = 60.0  # points that SIGMA is worth
 FADE, FADE_SIGMA = 0.1, 0.2  # share of the way from a cloth's chromaticity to the light's, mean and spread
 HUE_SIGMA = 0.03  # standard deviation of a swatch's chromaticity beside fading
-BARE = (((176, 135, 105), ("HEAD", "NECK"), ("FOREARM", "HAND", "FINGERS")),
+BARE = (((176, 135, 105), ("HEAD",), ("FOREARM", "HAND", "FINGERS")),
         ((70, 62, 58), ("HEAD",), ("LOWER_LEG", "FOOT", "TOES")))  # fmt: skip
 """sRGB of skin (the middle of the Monk Skin Tone scale), of dark hair and shoes; the regions that show them:
 those in the middle, those on both sides.

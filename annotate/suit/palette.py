@@ -214,6 +214,6 @@ DEFAULT_SUIT = Suit(
     np.array([(216, 216, 216), (201, 143, 115), (230, 200, 20), (220, 30, 40), (30, 60, 210), (20, 190, 195),
               (240, 125, 10), (115, 40, 175), (30, 160, 50), (220, 40, 150), (90, 160, 240), (165, 225, 40)],
              np.uint8),
-    np.array([1, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11], np.uint8),
+    np.array([PAPER.parts[0].id, *(part.id for part in PAPER.parts)], np.uint8),
 )  # fmt: skip
 """Palette of the virtual rig's people: neighbours and twins far apart in chromaticity."""

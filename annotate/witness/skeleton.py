@@ -44,6 +44,9 @@ SOURCES = {
     "pelvis": (("left_hip", "right_hip"),),
 }
 """Landmarks whose mean is a joint, the first that a network has; other joints are landmarks themselves."""
+ABOVE = {"neck": 0.21, "pelvis": 0.03}
+"""Distances of the bodies' joints above the middles of shoulders and hips, along the trunk, trunks: means of
+``synth/data/body_*.npz``."""
 
 
 class Surface(NamedTuple):
@@ -83,6 +86,19 @@ class Skeleton:
         for side in SIDES:
             _extend(placed, sd, *(JOINT[f"{side}_{name}"] for name in ("elbow", "wrist", "hand")))
         return replace(self, joints_m=placed, sd=sd)
+
+    def body_joints_m(self) -> Float64:
+        """Return the joints (15, 3) by ``JOINT_NAMES``, metres, depth camera, with neck and pelvis where the
+        bodies have both: ``ABOVE`` the middles of the witness's landmarks. NaN = unknown.
+
+        A joint from a network (``completed``) already is the bodies' joint.
+        """
+        joints_m = self.joints_m[: len(JOINT_NAMES)].copy()
+        up = joints_m[JOINT["neck"]] - joints_m[JOINT["pelvis"]]
+        for name, share in ABOVE.items():
+            if self.sd[JOINT[name]] == 0:
+                joints_m[JOINT[name]] += share * up
+        return joints_m
 
 
 def skeleton_of(landmarks: Float64, names: Sequence[str], surface: Surface) -> Skeleton:

@@ -34,7 +34,7 @@ def info(path: Held, json: Json = False) -> None:
     """Show the contents of a path; for a label set, also the work of each person on it."""
     from annotate.labelset import dataset, label_set
 
-    if (path / label_set.MANIFEST).is_file() or label_set.label_sets_in(path):
+    if (path / label_set.MANIFEST).is_file() or any(path.glob(f"*/{label_set.MANIFEST}")):
         result, text = _labels(label_set.LabelSet.open(path))
     elif (path / dataset.MANIFEST).is_file():
         shards = dataset.Dataset.open(path)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
+from cli.durations import duration
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError, ExistsError
 from sensors.files.atomic import check_there
@@ -59,6 +60,7 @@ def learn(
 
         from eval.fine_tuning.fine_tune import check_folder, fine_tune, fine_tuner_of
     check_folder(out)
+    _check_outside(out, labels)
     os.nice(LOW)
     torch.set_num_threads(1)
     started = time.monotonic()
@@ -80,7 +82,7 @@ def adapt(
         Argument(help="Label sets of label by suit or colour, or accepted frames of predict."),
     ],
     out: Annotated[Path, Option(help="Folder for the network; an interrupted run continues there.")],
-    minutes: Annotated[float, Option(min=0.1, help="How long to train.")] = 10.0,
+    minutes: Annotated[float, Option(min=0.1, callback=duration, help="How long to train.")] = 10.0,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -104,12 +106,17 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
         from eval.fine_tuning.adaptation.labelled_people import check_sets, taught_frames
     sets = [taught_frames(path) for path in labels]
     check_sets(sets)
-    for path in labels:
-        if out.resolve().is_relative_to(path.resolve()):
-            raise ExistsError(f"{out} is inside the label set {path}; choose another folder")
+    _check_outside(out, *labels)
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
     return run(sets, out, minutes, progress)
+
+
+def _check_outside(out: Path, *labels: Path) -> None:
+    """Raise ExistsError where a folder to write lies in a label set."""
+    for path in labels:
+        if out.resolve().is_relative_to(path.resolve()):
+            raise ExistsError(f"{out} is inside the label set {path}; choose another folder")
 
 
 def adapted_text(done: "Adapted") -> str:

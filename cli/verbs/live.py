@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite
+from cli.durations import duration
 from cli.extras import check_window
 from sensors.errors import DeviceError
 from sensors.files.atomic import check_free, check_there
@@ -35,7 +36,9 @@ def live(
         bool, Option("--serve", help="Also stream to Foxglove on this machine (extra foxglove).")
     ] = False,
     port: Annotated[int, Option(help="Port of --serve; 0 takes a free port.", min=0, max=65535)] = 8765,
-    seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
+    seconds: Annotated[
+        float | None, Option(min=0.1, callback=duration, help="Duration. Default: until Ctrl-C.")
+    ] = None,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:

@@ -14,6 +14,7 @@ from rich.table import Table
 from typer import Argument, Option
 
 from cli.console import LINE_SECONDS, Json, Overwrite, cell, event_lines, finish, progress, say, table
+from cli.durations import duration
 from cli.extras import check_window
 from sensors.device.address import KINDS
 from sensors.files.atomic import check_free, check_there
@@ -33,7 +34,9 @@ def record(
     out: Annotated[Path, Argument(metavar="out.mcap", help="Session to write.")],
     rig: Annotated[Path | None, Option(help="Rig file (TOML): devices and calibration.")] = None,
     device: Annotated[list[str] | None, Option(help="Address, as `devices` lists it; repeatable.")] = None,
-    seconds: Annotated[float | None, Option(min=0.1, help="Duration. Default: until Ctrl-C.")] = None,
+    seconds: Annotated[
+        float | None, Option(min=0.1, callback=duration, help="Duration. Default: until Ctrl-C.")
+    ] = None,
     infrared: Annotated[
         bool, Option("--infrared", help="Record infrared images too, for calibrate.")
     ] = False,

@@ -12,6 +12,7 @@ from natsort import natsorted
 from typer import Argument, Option
 
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
+from cli.durations import duration
 from cli.extras import check_extra, needing
 from sensors.errors import CloudError
 from sensors.files.atomic import check_there
@@ -128,7 +129,9 @@ def train(
     epochs: Annotated[
         int | None, Option(min=1, max=10_000, help="Passes over all images.", show_default="12")
     ] = None,
-    minutes: Annotated[float | None, Option(min=0.1, help="How long to train, instead of --epochs.")] = None,
+    minutes: Annotated[
+        float | None, Option(min=0.1, callback=duration, help="How long to train, instead of --epochs.")
+    ] = None,
     batch: Annotated[
         int | None, Option(min=1, max=1024, help="Images per step.", show_default="32, the paper's 12")
     ] = None,
@@ -136,7 +139,7 @@ def train(
     precision: PrecisionName | None = None,
     workers: Annotated[int, Option(min=0, max=64, help="Processes that prepare images.")] = 0,
     checkpoint_minutes: Annotated[
-        float, Option(min=0, help="Minutes between checkpoints in an epoch.")
+        float, Option(min=0, callback=duration, help="Minutes between checkpoints in an epoch.")
     ] = 5.0,
     overwrite: Overwrite = False,
     json: Json = False,

@@ -1,8 +1,10 @@
 """Gain of a fine-tuning on frames that it has not seen: each kind of corrected frames is left out in turn."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 
@@ -33,6 +35,17 @@ class Gain:
     high: float
     sure: float
     share: float
+
+    @classmethod
+    def of_fields(cls, fields: Mapping[str, Any]) -> Self:
+        """Return the gain of JSON values.
+
+        Raises KeyError, TypeError, ValueError and OverflowError for values of something else.
+        """
+        found = cls(*(float(fields[name]) for name in cls.__dataclass_fields__))
+        if not all(map(math.isfinite, asdict(found).values())):
+            raise ValueError("a gain is not finite")
+        return found
 
     @property
     def is_certain(self) -> bool:

@@ -13,7 +13,7 @@ from annotate.correction.correction import Correction
 from annotate.correction.frame_kinds import FrameKinds, farthest_first
 from annotate.correction.relabel import untouched
 from annotate.frame_labels import FrameLabels
-from annotate.scheme.scheme import UNDEFINED
+from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 from eval.fine_tuning.training_split import CorrectedFrame
 
 MOST = 8  # rehearsed frames; each costs about 3 MB and, with a suit, 2 s; untuned
@@ -35,8 +35,12 @@ def rehearsed_frames(path: Path) -> list[CorrectedFrame]:
 
 
 def _sure(first: FrameLabels) -> FrameLabels:
-    """Return labels whose unsure parts are undefined; the background stays."""
-    if first.confidence is None:
-        return first
-    unsure = first.on_body & (first.confidence < SURE)
+    """Return labels whose unsure parts are undefined. The background stays in a scheme without things; with
+    things it is undefined, because things that are not drawn yet lie in it.
+    """
+    unsure = np.zeros(first.parts.shape, np.bool_)
+    if first.confidence is not None:
+        unsure = first.on_body & (first.confidence < SURE)
+    if first.scheme.is_thing.any():
+        unsure |= first.parts == BACKGROUND
     return replace(first, parts=np.where(unsure, np.uint8(UNDEFINED), first.parts))

@@ -15,6 +15,7 @@ from synth.body.skeleton import N_JOINTS as N_SKELETON
 
 QUALITIES = ("joint_sd_mm", "joint_visibility")
 """Columns of each joint beside its place: standard deviation in millimetres, one of ``VISIBILITIES``."""
+MOST = 1e6  # pixels or millimetres; a note with larger joints is malformed
 LEAST_SURE = 0.6  # least probability of a posture that is named; below it the posture is ""
 
 
@@ -150,7 +151,7 @@ class BodyState:
             return None
         if posture.shape != (len(POSTURES),) or joints.shape != (N_JOINTS, 3):
             return None
-        if not (np.isfinite(facing).all() and np.isfinite(posture).all() and np.isfinite(joints).all()):
+        if not (np.isfinite(facing).all() and np.isfinite(posture).all() and (abs(joints) <= MOST).all()):
             return None
         return cls(*facing, posture, joints, support, deviations, seen)
 

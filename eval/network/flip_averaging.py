@@ -88,44 +88,44 @@ def _exchanged(outputs: list[Float32], twins: UInt8, which: Bool) -> list[Float3
     ]
 
 
-def mean_of_factors(depth: Float32, looks: Sequence[list[Float32]], kinds: Kinds) -> list[Float32]:
+def mean_of_factors(depth: Float32, outputs: Sequence[list[Float32]], kinds: Kinds) -> list[Float32]:
     """Return the mean outputs for an image, probabilities (1, K, h, w) first, as ``averaged`` does.
 
-    depth: the image (h, w); a pixel without depth is background. looks: ``CELL_OUTPUTS`` and the outputs
+    depth: the image (h, w); a pixel without depth is background. outputs: ``CELL_OUTPUTS`` and the outputs
     about the body for the image, and for its flip if there are two. kinds: of the classes. Raises ValueError
     for outputs of other shapes.
     """
-    count, weight = len(CELL_OUTPUTS), np.float32(1 / len(looks))
-    classes, body = _aligned([one[count:] for one in looks], kinds)
+    count, weight = len(CELL_OUTPUTS), np.float32(1 / len(outputs))
+    classes, body = _aligned([one[count:] for one in outputs], kinds)
     planes = np.zeros((len(kinds.sides), *depth.shape), np.float32)
-    for i, (one, which) in enumerate(zip(looks, classes, strict=True)):
+    for i, (one, which) in enumerate(zip(outputs, classes, strict=True)):
         odds, left = (
             values.reshape(-1, 2, 2, *(side // 2 for side in depth.shape)) for values in one[:count]
         )
         if len(odds) != len(kinds) or len(left) != 1:
             raise ValueError(f"factors of {len(odds)} kinds instead of {len(kinds)}")
         of_class, sides = (np.array(values)[which] for values in (kinds.of_class, kinds.sides))
-        _add_look(planes, _Look(odds, left[0], of_class, sides, i > 0), depth, weight)
+        _add_weighted(planes, _Factors(odds, left[0], of_class, sides, i > 0), depth, weight)
     return [planes[None], *body]
 
 
-def _aligned(looks: list[list[Float32]], kinds: Kinds) -> tuple[list[Index], list[Float32]]:
-    """Return by look the class (K,) that each class of the image is there, and the mean outputs.
+def _aligned(bodies: list[list[Float32]], kinds: Kinds) -> tuple[list[Index], list[Float32]]:
+    """Return the class (K,) that each class of the image is in each image, and the mean outputs.
 
-    looks: outputs about the body for an image, and for its flip if there are two.
+    bodies: outputs about the body for an image, and for its flip if there are two.
     """
     pairs = list(zip(kinds.of_class, kinds.sides, strict=True))
     twins = np.array([pairs.index((kind, -side)) for kind, side in pairs], np.uint8)
-    if len(looks) == 1:
-        return [np.arange(len(twins))], looks[0]
+    if len(bodies) == 1:
+        return [np.arange(len(twins))], bodies[0]
     # Classes in place of their probabilities are exchanged along with the sides.
     ids = np.arange(len(twins), dtype=np.float32).reshape(1, -1, 1, 1)
-    own, other = agreeing([ids, *looks[0]], flipped_back([ids, *looks[1]], twins), twins)
+    own, other = agreeing([ids, *bodies[0]], flipped_back([ids, *bodies[1]], twins), twins)
     means = [(a + b) * np.float32(0.5) for a, b in zip(own[1:], other[1:], strict=True)]
     return [one[PLANES].ravel().astype(np.intp) for one in (own, other)], means
 
 
-class _Look(NamedTuple):
+class _Factors(NamedTuple):
     """Factors of an image's probabilities: odds (n, 2, 2, h, w), probability of left (2, 2, h, w).
 
     kinds, sides: (K,), of each class. is_flipped: of a flipped image.
@@ -139,9 +139,9 @@ class _Look(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def _add_look(planes: Float32, look: _Look, depth: Float32, weight: np.float32) -> None:
-    """Add the weighted probabilities of a look to ``planes`` (K, 2 h, 2 w)."""
-    odds, left, kinds, sides, is_flipped = look
+def _add_weighted(planes: Float32, factors: _Factors, depth: Float32, weight: np.float32) -> None:
+    """Add the weighted probabilities of an image to ``planes`` (K, 2 h, 2 w)."""
+    odds, left, kinds, sides, is_flipped = factors
     count, _, _, height, width = odds.shape
     row, shares = np.empty((count, 2 * width), np.float32), np.empty((3, 2 * width), np.float32)
     total, empty = np.empty(2 * width, np.float32), np.empty(2 * width, np.float32)

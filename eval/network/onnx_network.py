@@ -73,10 +73,11 @@ class OnnxNetwork(SchemeNetwork):
         schemes = [named_scheme] if named_scheme else [scheme or PAPER, PAPER]
         fitting = [one for one in schemes if trial.shape == (2, len(one.class_ids), SIZE, SIZE)]
         if not fitting:
+            other = "" if named_scheme or scheme else ", or name the scheme of its classes (--scheme)"
             raise FormatError(
                 f"weights {path} output {trial.shape} for two crops; give a network of "
                 f"{len(schemes[0].class_ids)} classes (scheme {schemes[0].name!r} and the background) at "
-                f"{SIZE}x{SIZE}"
+                f"{SIZE}x{SIZE}{other}"
             )
         self.own = self.scheme = fitting[0]
         if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING * trial.shape[1]):
@@ -98,7 +99,7 @@ class OnnxNetwork(SchemeNetwork):
         for file in (with_outputs(data, FACTORED), data):
             named = self._load(file)
             try:
-                return named, self._looks(crops, flip=False)
+                return named, self._outputs(crops, flip=False)
             except ValueError:
                 if self._kinds is None:
                     raise
@@ -125,23 +126,23 @@ class OnnxNetwork(SchemeNetwork):
         """Return probabilities of the own classes of normalised crops (B, 212, 212), then facing, posture,
         joints, their deviations and visibility if the network gives them.
         """
-        return self._looks(crops, flip=self._flip)
+        return self._outputs(crops, flip=self._flip)
 
-    def _looks(self, crops: Float32, *, flip: bool) -> list[Float32]:
+    def _outputs(self, crops: Float32, *, flip: bool) -> list[Float32]:
         """Return the outputs for normalised crops (B, 212, 212), with or without test-time augmentation."""
-        looks = np.concatenate([crops, crops[..., ::-1]]) if flip else crops
-        each = self._each(looks)
+        images = np.concatenate([crops, crops[..., ::-1]]) if flip else crops
+        each = self._each(images)
         groups = [each[i :: len(crops)] for i in range(len(crops))]
         return _joined([self._mean(crop, outputs) for crop, outputs in zip(crops, groups, strict=True)])
 
-    def _mean(self, crop: Float32, looks: list[list[Float32]]) -> list[Float32]:
+    def _mean(self, crop: Float32, outputs: list[list[Float32]]) -> list[Float32]:
         """Return the mean of the outputs for a crop (212, 212), and for its flip if there are two."""
         if self._kinds is not None:
-            return mean_of_factors(crop, looks, self._kinds)
-        if len(looks) == 1:
-            return looks[0]
+            return mean_of_factors(crop, outputs, self._kinds)
+        if len(outputs) == 1:
+            return outputs[0]
         twins = self.own.twin_classes
-        return averaged(looks[0], flipped_back(looks[1], twins), twins)
+        return averaged(outputs[0], flipped_back(outputs[1], twins), twins)
 
     def _each(self, crops: Float32) -> list[list[Float32]]:
         """Return the outputs for each crop, as for one crop, without test-time augmentation."""

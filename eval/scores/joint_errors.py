@@ -44,7 +44,7 @@ def _predicted_mm(predicted: FrameLabels, camera: Intrinsics) -> Float64:
     note = predicted.notes.get("bearing")
     try:
         joints = np.array(note["joints_px"], np.float64)  # type: ignore[index]
-    except (TypeError, KeyError, ValueError):
+    except (TypeError, KeyError, ValueError, OverflowError):
         joints = np.empty(0)
     if joints.shape != (N_JOINTS, 3) or not np.isfinite(joints).all():
         return np.full((N_JOINTS, 3), np.inf)
@@ -59,13 +59,23 @@ def true_joints_mm(truth: FrameLabels) -> Float64:
 
 def all_joints_mm(truth: FrameLabels) -> Float64:
     """Return the true joints of the skeleton (J, 3); otherwise as ``true_joints_mm``."""
-    try:
-        joints = np.array(truth.notes[TRUE_JOINTS], np.float64)
-    except (TypeError, ValueError):
-        joints = np.empty(0)
-    if joints.shape != (skeleton.N_JOINTS, 3) or not (np.abs(joints) <= FARTHEST_MM).all():
+    joints_mm = noted_joints_mm(truth)
+    if joints_mm is None:
         raise FormatError(
             f"frame {truth.frame_id}: field notes.joints_mm is malformed; give {skeleton.N_JOINTS} joints "
             "(x, y, z) in millimetres"
         )
-    return np.asarray(joints)
+    return joints_mm
+
+
+def noted_joints_mm(frame: FrameLabels) -> Float64 | None:
+    """Return the true joints of the skeleton (J, 3) in a frame's notes, depth camera, millimetres.
+
+    None without joints and for malformed ones.
+    """
+    try:
+        joints_mm = np.array(frame.notes[TRUE_JOINTS], np.float64)
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return None
+    usable = joints_mm.shape == (skeleton.N_JOINTS, 3) and (np.abs(joints_mm) <= FARTHEST_MM).all()
+    return joints_mm if usable else None

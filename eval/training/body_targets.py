@@ -7,6 +7,7 @@ from annotate.crop import RANGE_MM, SIZE, network_crop
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole_of
 from annotate.posture import POSTURES
+from eval.scores.joint_errors import noted_joints_mm
 from eval.scores.joints import IN_SKELETON, N_JOINTS, TWIN
 from sensors.rig.camera import Intrinsics
 from synth.body.skeleton import N_JOINTS as N_SKELETON
@@ -29,8 +30,8 @@ def body_targets(frames: LabelledFrames, frame: FrameLabels) -> Float32:
     posture = frame.notes.get("posture", posture_class(str(frame.notes.get("activity", ""))))
     if posture in POSTURES:
         row[POSTURE] = POSTURES.index(posture)
-    joints_mm = np.array(frame.notes.get("joints_mm", ()), np.float64)
-    if joints_mm.shape != (N_SKELETON, 3) or not np.isfinite(joints_mm).all():
+    joints_mm = noted_joints_mm(frame)
+    if joints_mm is None:
         return row
     camera = pinhole_of(frame, camera_of(frames, frame))
     seen = frame.on_person & (frame.depth_mm > 0)
@@ -41,10 +42,12 @@ def with_joints(row: Float32, joints_mm: Float64, camera: Intrinsics, image: tup
     """Return a row of targets with joints (J, 3), millimetres in the camera frame, and the facing by them.
 
     camera: pinhole camera of the image. image: depth and the pixels of the crop's person, both (h, w). Joints
-    become columns and rows in shares of the crop's side, and depth in its units.
+    become columns and rows in shares of the crop's side, and depth in its units. A joint in the camera's
+    plane is unknown, because the image has no place for it.
     """
     from synth.images.standing_statistics import facing_deg
 
+    joints_mm = np.where(joints_mm[:, 2:] == 0, np.nan, joints_mm)
     skeleton = np.full((N_SKELETON, 3), np.nan)
     skeleton[IN_SKELETON] = joints_mm
     azimuth = np.radians(facing_deg(skeleton))

@@ -42,9 +42,9 @@ class HolePlate:
                 f"a plate of {self.columns} x {self.rows} holes is impossible; give 2 columns or more and an "
                 "odd number of rows (an even one looks the same upside down)"
             )
-        if not 0 < self.hole_m < np.sqrt(2) * self.pitch_m:
+        if not 0 < self.hole_m < np.sqrt(2) * self.pitch_m < np.inf:
             raise CalibrationError(
-                f"holes of {self.hole_m} m at a pitch of {self.pitch_m} m overlap; measure again"
+                f"holes of {self.hole_m} m at a pitch of {self.pitch_m} m overlap or never end; measure again"
             )
 
     @property

@@ -80,10 +80,12 @@ def _found(text: str, shape: tuple[int, int]) -> FoundIntrinsics:
 
 
 def _from_ours(fields: dict[str, Any]) -> FoundIntrinsics:
-    if not set(fields) >= _OURS:
-        raise ValueError(f"it must hold {sorted(_OURS)}, optionally {sorted(_OPTIONAL)}")
-    if any(isinstance(value, bool | str) for value in fields.values()):
-        raise ValueError("not all of its values are numbers")
+    if lacking := ", ".join(sorted(_OURS - set(fields))):
+        raise ValueError(f"it lacks {lacking}")
+    wrong = {key: value for key, value in fields.items() if type(value) not in (int, float)}
+    if wrong:
+        shown = ", ".join(f"{key} is {str(value)[:40]!r}" for key, value in wrong.items())
+        raise ValueError(f"{shown}, not a number")
     size = {side: int(fields[side]) for side in ("width", "height")}
     numbers = {name: float(value) for name, value in fields.items()}
     unit_mm = numbers.pop("depth_unit_mm", None)

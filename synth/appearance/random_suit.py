@@ -43,8 +43,9 @@ def suit_of(cast: Cast, seed: int, scheme: Scheme = PAPER) -> Suit:
 def random_suit(seed: int, cast: Cast = TRAINING, scheme: Scheme = PAPER) -> Suit:
     """Return a suit of a scheme with a random palette.
 
-    In the scheme ``paper`` a suit has 8 to 11 cloths; neighbouring parts have different cloths. In other
-    schemes each part of the body has its own cloth, and all are apart in chromaticity.
+    In the scheme ``paper`` a suit has at least 8 cloths, at most one a part, and neighbouring parts have
+    different cloths. In other schemes each part of the body has its own cloth, and all are apart in
+    chromaticity.
     """
     rng = np.random.default_rng((seed, DOMAIN[cast]))
     if scheme != PAPER:

@@ -101,7 +101,7 @@ def _numbers(frame: FrameLabels, note: str, shape: tuple[int, ...], key: str | N
     try:
         value = frame.notes[note]
         numbers = np.array(value if key is None else [value[key]], np.float64)
-    except (TypeError, ValueError, KeyError):
+    except (TypeError, ValueError, KeyError, OverflowError):
         numbers = np.empty(0)
     if numbers.shape != shape:
         raise FormatError(f"frame {frame.frame_id}: field notes.{note} is malformed; give {shape} numbers")

@@ -16,7 +16,7 @@ from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
 from synth.markers.person_fit import LENIENT_M, Template, fit_from_nothing, fit_shape, posture_prior
 from synth.markers.posture_fit import ROBUST_M, Observed, Prior, fit_posture
-from synth.motion_files.marker_files import Markers
+from synth.motion_files.marker_files import POSE_RATE, Markers
 from synth.motion_files.marker_set import (
     KnownMarkers,
     MarkerSet,
@@ -193,7 +193,8 @@ def _track(
     state: State | None = None
     for f, observed in enumerate(positions):
         if (status[f] == SEEN).sum() >= MIN_SEEN:
-            state, error[f] = tracker.frame(state, observed, status[f])
+            before = None if rate <= POSE_RATE else state
+            state, error[f] = tracker.frame(before, observed, status[f])
         if state is not None:
             angles += [state.angles_rad] * (f + 1 - len(angles))
             pelvis += [state.pelvis_m] * (f + 1 - len(pelvis))

@@ -5,7 +5,7 @@ Solvers are imported where they run, because recognising a file needs no compile
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -58,12 +58,21 @@ def motion_files(path: Path) -> list[Path]:
         if not path.exists():
             raise CloudError(f"{path} does not exist; give a motion, or a folder of them")
         if path.suffix.lower() not in SUFFIXES or not known(path):
-            raise CloudError(f"{path} is not a motion; give .npz, .bvh, .c3d or .trc")
+            raise CloudError(_not_a_motion(path))
         return [path]
     inside = sorted(p for p in path.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
     if not (found := list(filter(known, inside))):
         raise CloudError(f"{path} holds no motions; give a folder with .npz, .bvh, .c3d or .trc files")
     return found
+
+
+def _not_a_motion(path: Path) -> str:
+    if path.suffix.lower() != ".npz":
+        return f"{path} is not a motion; give .npz, .bvh, .c3d or .trc"
+    from synth.motion_files.joint_file import REMEDY
+
+    held = ", ".join([*array_sizes(path, REMEDY)][:6]) or "nothing"
+    return f"{path} holds {held}, not a motion; {REMEDY}"
 
 
 def read_motions(path: Path) -> dict[str, "Motion"]:
@@ -153,19 +162,30 @@ def read_repertoire(path: Path, advance: Callable[[int], None] = lambda _: None)
     files = motion_files(path)
     motions: dict[str, Grounded] = {}
     assumed: Counter[str] = Counter()
+    frames = left_out = 0
     for file in files:
         read = read_motions(file)
         if not is_motion(file):
             assumed.update({line for motion in read.values() for line in motion.report.assumed})
         for name, motion in read.items():
             grounded = ground(motion)
+            frames, left_out = frames + len(grounded), left_out + int((~grounded.sound).sum())
             if grounded.sound.any():
-                motions[name if name not in motions else f"{file.stem}/{name}"] = _thinned(grounded)
+                motions[_label(path, file, name, motions)] = _thinned(grounded)
         advance(1)
     if not motions:
         raise CloudError(f"{path}: no frame of its motions can be a person's; record again")
-    lines = tuple(f"{line} ({count} of {len(files)} files)" for line, count in assumed.items())
-    return Repertoire(path.name, digest(files), _bounded(motions), lines)
+    lines = [f"{line} ({count} of {len(files)} files)" for line, count in assumed.items()]
+    if left_out:
+        lines.append(f"{left_out} of {frames} frames are left out as impossible movements; check fps")
+    return Repertoire(path.name, digest(files), _bounded(motions), tuple(lines))
+
+
+def _label(path: Path, file: Path, name: str, taken: Collection[str]) -> str:
+    """Return a name of a motion in a file at or below path that is not taken yet."""
+    inside = f"{file.relative_to(path)}/{name}" if path.is_dir() else name
+    plain = [name] if name == file.stem or not path.is_dir() else []
+    return next(label for label in (*plain, f"{file.stem}/{name}", inside) if label not in taken)
 
 
 def _thinned(grounded: "Grounded") -> "Grounded":

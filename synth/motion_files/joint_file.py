@@ -19,15 +19,18 @@ from sensors.files.npz import array_sizes, load_arrays
 from synth.body.body import reference_body
 from synth.body.skeleton import JOINT_ID, N_JOINTS, Posture, alignment, forward
 from synth.motion_files.joint_places import marker_set_of_joints
-from synth.motion_files.marker_files import Markers
+from synth.motion_files.marker_files import POSE_RATE, Markers
 from synth.motion_files.marker_set import MarkerSet, known_markers
 from synth.motion_files.vertical_axis import GIVEN, Upward
 
-REMEDY = "give joint_names (J,), parents (J,) and takes of shape (F, J, 3)"
+REMEDY = "give joint_names (J,), takes of shape (F, J, 3), and optionally parents (J,)"
 # Arrays of which a file of joints has one: names, rotations of AMASS, or places of SMPL's joints.
 JOINT_ARRAYS = {"joint_names", "poses", "joints", "joints3d", "joints_3d", "joint_positions", "smpl_joints"}
 MAX_BYTES = 1_000_000_000  # of an unpacked file: six hours of 40 joints at 30 frames/s in int16 take 150 MB
 FRAMES_PER_SECOND = 30.0  # of a file without a rate: motion libraries are thinned to it
+# Median over the frames of the fastest joint's way, by the leg's length: 7 m/s all the time at 30 frames a
+# second; untuned.
+SEPARATE_WAY = 0.3
 # names of the rate: ours, others', AMASS's of SMPL+H and of SMPL-X
 _RATES = ("frames_per_second", "fps", "mocap_framerate", "mocap_frame_rate")
 _EXTRAS = {"joint_names", "parents", *_RATES}
@@ -66,7 +69,8 @@ def read_joint_file(path: Path) -> tuple[dict[str, Markers], MarkerSet]:
 
     The file holds joint_names (J,) text, parents (J,) indices (-1 for the root; optional) and arrays (F, J,
     3), each a take. Or it holds one array "joints" (F, 22 or 24, 3) in SMPL's order, or AMASS's poses and
-    trans. The rate is frames_per_second, else 30. Unit (m, cm, mm) and vertical axis follow from size and
+    trans. The rate is frames_per_second, else 30, or 1 for separate poses. Unit (m, cm, mm) and vertical axis
+    follow from size and
     stance. Raises FormatError for other content, CloudError for unknown joints or another skeleton than a
     person's.
     """
@@ -75,15 +79,15 @@ def read_joint_file(path: Path) -> tuple[dict[str, Markers], MarkerSet]:
     arrays = load_arrays(path, MAX_BYTES, REMEDY, wanted)
     try:
         found = _joints(path.stem, arrays)
-        rate = next((float(arrays[name]) for name in _RATES if name in arrays), FRAMES_PER_SECOND)
         together = np.concatenate(list(found.takes.values()))
-        columns, places, _ = marker_set_of_joints(found.names, found.parents, together)
+        columns, places, leg = marker_set_of_joints(found.names, found.parents, together)
+        rate, lines = _rate(arrays, [take[:, columns] for take in found.takes.values()], leg)
         whole = known_markers(Markers(places.names, together[:, columns], rate), places)
     except CloudError as error:
         raise type(error)(f"{path}: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{path} cannot be read ({fault_of(error)}); {REMEDY}") from error
-    up, assumed = Upward(whole.up, GIVEN), (*found.assumed, *whole.assumed)
+    up, assumed = Upward(whole.up, GIVEN), (*found.assumed, *whole.assumed, *lines)
     markers = {
         name: Markers(places.names, take[:, columns], rate, whole.unit, up, assumed)
         for name, take in found.takes.items()
@@ -101,6 +105,18 @@ def read_joints(path: Path) -> tuple[Markers, MarkerSet]:
             f"{path} has {len(takes)} takes; give the file to 'synth film --take' or 'synth generate'"
         )
     return next(iter(takes.values())), places
+
+
+def _rate(arrays: dict[str, NDArray[Any]], takes: list[Float64], leg: float) -> tuple[float, tuple[str, ...]]:
+    """Return frames a second and sentences on its assumption. leg: its length in the takes' unit."""
+    stated = next((float(arrays[name]) for name in _RATES if name in arrays), None)
+    if stated is not None:
+        return stated, ()
+    ways = [np.nan_to_num(np.linalg.norm(np.diff(take, axis=0), axis=2)).max(axis=1) for take in takes]
+    between = np.concatenate(ways)
+    if len(between) and np.median(between) > SEPARATE_WAY * leg:
+        return POSE_RATE, ("no rate is stated; the frames are taken to be separate poses; else give fps",)
+    return FRAMES_PER_SECOND, ()
 
 
 def _joints(stem: str, arrays: dict[str, NDArray[Any]]) -> _Joints:
@@ -139,7 +155,7 @@ def _named(arrays: dict[str, NDArray[Any]]) -> _Joints:
 
 def _take(name: str, array: NDArray[Any], joints: int) -> Float64:
     if array.ndim != 3 or array.shape[1:] != (joints, 3) or not len(array) or array.dtype.kind not in "iuf":
-        raise FormatError(f"{name[:40]!r} is {array.dtype} {array.shape}; {REMEDY}")
+        raise FormatError(f"{name[:40]!r} is {array.dtype} {array.shape} for {joints} joint_names; {REMEDY}")
     return np.asarray(array, np.float64)
 
 

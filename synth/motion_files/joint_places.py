@@ -6,7 +6,7 @@ at the bone's end too. Rotations about a bone that move no joint (the forearm, t
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -46,18 +46,27 @@ def marker_set_of_joints(
     few known joints, or a skeleton that is not a person's.
     """
     places = _places(names, parents, centres)
-    legs = [f"left_{joint}" in places for joint in ("hip", "knee", "ankle")]
-    shown = f"{', '.join(names[:6])}, ..."
-    if len(places) < MIN_MARKERS or not all(legs):
-        raise CloudError(
-            f"its joints are unknown ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot "
-            "(docs/markers.md)"
-        )
+    _check_known(names, places)
     leg = _check_person(names, places, centres)
     rows = [_row(place) for place in places]
     joint, at, spread = (np.array(column) for column in zip(*rows, strict=True))
     known = MarkerSet("joints", tuple(places), joint.astype(np.int64), at, spread, np.ones(len(rows)))
     return list(places.values()), known, leg
+
+
+def _check_known(names: Sequence[str], places: Collection[str]) -> None:
+    shown = f"{', '.join(names[:6])}, ..."
+    legs = [f"{side}_{joint}" for side in ("left", "right") for joint in ("hip", "knee", "ankle")]
+    lacking = [joint for joint in legs if joint not in places]
+    if len(places) < MIN_MARKERS or len(lacking) == len(legs):
+        raise CloudError(
+            f"its joints are unknown ({shown}); rename them like LeftUpLeg, LeftLeg, LeftFoot "
+            "(docs/markers.md)"
+        )
+    if any(joint.startswith("left_") for joint in lacking):
+        raise CloudError(
+            f"its joints ({shown}) lack {', '.join(lacking)}; add or rename them (docs/markers.md)"
+        )
 
 
 def _places(names: Sequence[str], parents: Int64, centres: Float64) -> dict[str, int]:
@@ -100,7 +109,9 @@ def _at_wrist(side: str, found: dict[str, int], centres: Float64) -> None:
 
 
 def _length(centres: Float64, a: int, b: int) -> float:
-    return float(np.nanmedian(np.linalg.norm(centres[:, a] - centres[:, b], axis=-1)))
+    lengths = np.linalg.norm(centres[:, a] - centres[:, b], axis=-1)
+    known = lengths[~np.isnan(lengths)]
+    return float(np.median(known)) if len(known) else float("nan")
 
 
 def _apart(parents: Int64, centres: Float64) -> Bool:

@@ -30,6 +30,8 @@ UNITS_M = {
     **dict.fromkeys(("in", "inch", "inches"), 0.0254),
     **dict.fromkeys(("ft", "foot", "feet"), 0.3048),
 }
+# Frames a second of separate poses; at this rate each frame is fitted without regard to the one before.
+POSE_RATE = 1.0
 MAX_HEAD_LINES = 60  # lines in front of a TRC's frames: five, and comments; untuned
 
 

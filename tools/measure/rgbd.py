@@ -66,9 +66,10 @@ SHARES = {
 """Counts that give a column: numerator and denominator."""
 ABOUT = (
     "The judge is a colour network: visible joints in pixels. A joint is right if labels within 2 px have a "
-    "part that meets there; tenth, fifth: of the trunk's length in the image. Millimetres are medians by the "
-    "depth at the judge's pixel: across the line of sight, and behind the surface. Phantoms: people beyond "
-    "the judge's. Frames of a recording show the same people, so intervals need four recordings."
+    "part that meets there; a hand in front of a knee counts as wrong. Tenth, fifth: of the trunk's length "
+    "in the image. Millimetres are medians by the depth at the judge's pixel: across the line of sight, and "
+    "behind the surface. Phantoms: people beyond the judge's. Frames of a recording show the same people, so "
+    "intervals need four recordings."
 )
 OF_LABELS = ("parts right", "other side", "missing", "posture standing", "posture sitting", "posture unclear")
 """Columns that the colour network lacks."""

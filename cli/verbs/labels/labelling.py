@@ -19,7 +19,6 @@ from sensors.importers.open_source import doubts_of
 if TYPE_CHECKING:
     from annotate.label_recording import Run, SuitLabeller
     from annotate.scheme.scheme import Scheme
-    from annotate.suit.palette import Suit
     from eval.network.colour.colour_labeller import ColourLabeller
     from sensors.importers.open_source import Source
 
@@ -133,13 +132,13 @@ def label(
     check_there(*given)
     if source is not None:
         check_room(out, store.MANIFEST, overwrite, session, *given)
-    work = choices.work()
+    work, suit_notes = choices.work(), choices.by_suit.notes
     if source is None:
+        say(*suit_notes)
         one = partial(_label, choices, names)
         label_each("label", one, sessions, out, EachOptions(scheduler, overwrite, json))
         return
     clear(out, store.MANIFEST, overwrite, session, *given)
-    suit_notes = _notes_on(choices.by_suit.suit, choices.by_suit.scheme) if choices.by_suit.suit else ()
     notes = [*source.notes, *doubts_of(source), *suit_notes]
     say(*notes)
     started = time.monotonic()
@@ -150,17 +149,6 @@ def label(
     result = {"frames": frames, "seconds_per_frame": round(seconds, 4), "review": review, "notes": notes}
     text = f"{frames} frames in {out}, {seconds:.2f} s each; review first: {', '.join(review[:5])}"
     finish_run(result, run, json, text)
-
-
-def _notes_on(suit: "Suit", scheme: "Scheme") -> list[str]:
-    """Return the warnings about a suit whose labels have a scheme."""
-    if suit.scheme == scheme:
-        return [*suit.notes]
-    why = (
-        f"labels have the parts of scheme {scheme.name!r}, because parts of the suit's scheme "
-        f"{suit.scheme.name!r} are coarser or lack a colour of their own"
-    )
-    return [*suit.notes, why]
 
 
 def _label(choices: LabelChoices, names: bool, session: Path, out: Path) -> "Run":

@@ -73,8 +73,8 @@ class PredictChoices:
         )
         if room and self.again is None and not fits(options, network):
             say(
-                f"labels are not refined: the refinement network cannot give scheme "
-                f"{(scheme or network.usual_scheme).name!r} from {network.own.name!r}"
+                f"labels are not refined by the room: the refinement network does not fit a network of "
+                f"scheme {network.own.name!r} and labels of {(scheme or network.usual_scheme).name!r}"
             )
             options = replace(options, room_refiner=None)
         options.chained(network)

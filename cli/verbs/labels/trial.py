@@ -2,6 +2,8 @@
 
 import json as jsons
 import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -49,7 +51,8 @@ def try_(
     check_extra("report", "jinja2", "plotly")
     if adapt:
         check_extra("train", "torch", "onnx", "safetensors")
-    runs, session = _labelled(recording, out)
+    with _own_remedy():
+        runs, session = _labelled(recording, out)
     remarks, failed = _remarks(runs), [one for run in runs.values() for one in run.failed]
     say(*remarks)
     found = _reported(runs, session, out, remarks)
@@ -61,7 +64,8 @@ def try_(
     }
     lines = [agreement_text(found), "", f"report: {out / REPORT}"]
     if adapt:
-        done = adapted([out / BY_COLOUR], out / ADAPTED, ADAPT_MINUTES)
+        with _own_remedy():
+            done = adapted([out / BY_COLOUR], out / ADAPTED, ADAPT_MINUTES)
         result["adapted"] = done.fields()
         lines.append(f"adapted: {adapted_text(done)}")
     result["commands"] = next_commands(out, session)
@@ -69,6 +73,15 @@ def try_(
     finish(result, json, "\n".join(lines))
     if failed:
         raise typer.Exit(3)
+
+
+@contextmanager
+def _own_remedy() -> Iterator[None]:
+    """Leave ``--overwrite``, which ``try`` lacks, out of the refusals of the steps."""
+    try:
+        yield
+    except ExistsError as error:
+        raise ExistsError(str(error).replace(" or pass --overwrite", "")) from error
 
 
 def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":
@@ -95,18 +108,23 @@ def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":
 
 def _begin(out: Path, recording: Path) -> None:
     """Start the folder, or check that an earlier run of this recording did."""
+    from annotate.labelset.json_object import read_object
+
     marker, origin = out / MARKER, {"recording": str(recording.resolve())}
     if not marker.is_file():
         if is_taken(out):
             raise ExistsError(f"{out} already exists; choose another folder")
         out.mkdir(parents=True, exist_ok=True)
         write_bytes(marker, jsons.dumps(origin).encode())
-    elif jsons.loads(marker.read_bytes()) != origin:
+    elif read_object(marker) != origin:
         raise ExistsError(f"{out} is of another recording; choose another folder")
 
 
 def _as_session(source: "Source", recording: Path, out: Path) -> "tuple[Source, Path]":
-    """Return the recording as a session with its path: itself, or imported into the folder."""
+    """Return the recording as a session with its path: itself, or imported into the folder.
+
+    A failed import takes the marker back, and then the empty folder.
+    """
     from sensors.session.reader import Session
 
     if isinstance(source, Session):
@@ -114,7 +132,13 @@ def _as_session(source: "Source", recording: Path, out: Path) -> "tuple[Source, 
         return source, recording
     session = out / RECORDING
     if not session.is_file():
-        write_session(source, session, overwrite=True)  # replaces the partial file of a killed run
+        try:
+            write_session(source, session, overwrite=True)  # replaces the partial file of a killed run
+        except CloudError:
+            (out / MARKER).unlink()
+            if not is_taken(out):
+                out.rmdir()
+            raise
     return open_recording(session, names=False), session
 
 

@@ -14,6 +14,7 @@ from annotate.array_types import Float32, UInt8, UInt16
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import Dataset, sha256
 from annotate.labelset.journal import JOURNAL
+from annotate.labelset.json_object import read_object
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from eval.architecture.networks import NetworkConfig, scheme_of
@@ -66,14 +67,21 @@ class Adapted:
 
     @classmethod
     def read(cls, folder: Path) -> "Adapted":
-        """Return the result in a folder. Raises FormatError for a file that holds none."""
+        """Return the result in a folder. Raises FormatError for a file that holds none, and for a missing
+        network.
+        """
         path = folder / RECORD
         try:
-            fields = json.loads(path.read_text())
+            fields = read_object(path)
             weights = fields.pop("weights")
-            return cls(AdaptationGain.of_fields(fields), folder / weights if weights else None)
-        except (ValueError, KeyError, TypeError, AttributeError, UnicodeDecodeError) as error:
+            if weights not in (None, WEIGHTS):
+                raise ValueError(weights)
+            found = cls(AdaptationGain.of_fields(fields), folder / weights if weights else None)
+        except (FormatError, ValueError, KeyError, TypeError, OverflowError) as error:
             raise FormatError(f"{path} holds no result; remove the file to compare again") from error
+        if found.weights and not found.weights.is_file():
+            raise FormatError(f"{found.weights} is missing; remove {path} to compare again")
+        return found
 
 
 @dataclass(frozen=True)
@@ -150,7 +158,7 @@ def finished(out: Path, order: str) -> Adapted | None:
         if is_taken(out):
             raise ExistsError(f"{out} already exists; choose another folder")
         return None
-    if (out / ORDER).read_text() != order:
+    if (out / ORDER).read_bytes() != order.encode():
         raise ExistsError(f"{out} holds another adaptation; choose another folder or pass --overwrite")
     return Adapted.read(out) if (out / RECORD).is_file() else None
 

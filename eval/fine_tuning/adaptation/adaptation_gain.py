@@ -10,6 +10,7 @@ from annotate.array_types import Float64
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit
 from eval.fine_tuning.adaptation.scores_on_crops import CropScores
 from eval.fine_tuning.cross_validation import Gain, chosen_by_others, gain
+from sensors.errors import CloudError
 
 SHARES = (1.0, 0.5, 0.25)  # of the way from the first to the trained network, to choose from
 MOST_LOST = 0.004  # of a score on synthetic people; more is forgetting; untuned
@@ -35,11 +36,15 @@ class AdaptationGain:
 
     @classmethod
     def of_fields(cls, fields: Mapping[str, Any]) -> Self:
-        """Return the gain of JSON values. Raises KeyError and TypeError for values of something else."""
-        known = {name: fields[name] for name in cls.__dataclass_fields__}
-        parts, joints = (Gain(**known[name]) if known[name] else None for name in ("parts", "joints"))
-        before, after = (tuple(map(float, pair)) for pair in known["synthetic"])
-        return cls(**known | {"parts": parts, "joints": joints, "synthetic": (before, after)})
+        """Return the gain of JSON values.
+
+        Raises KeyError, TypeError, ValueError and OverflowError for values of something else.
+        """
+        sizes = int(fields["frames"]), int(fields["spans"]), str(fields["held_out"])
+        joints = None if fields["joints"] is None else Gain.of_fields(fields["joints"])
+        (before, near), (after, near_after) = fields["synthetic"]
+        known = (float(before), float(near)), (float(after), float(near_after))
+        return cls(*sizes, Gain.of_fields(fields["parts"]), joints, known, float(fields["share"]))
 
     @property
     def is_harmless(self) -> bool:
@@ -72,7 +77,7 @@ def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSpli
 
     Only shares that keep the scores on synthetic people are chosen from. For each span other spans choose, so
     that several tries do not flatter the gain. If no share keeps the scores, the result has the share that
-    loses least.
+    loses least. Raises CloudError where fewer than two spans have labelled parts.
     """
     synthetic = [(checked.recall(), checked.near()) for _, checked in found]
     known = np.array(synthetic)
@@ -88,7 +93,11 @@ def adaptation_gain(found: Sequence[Sequence[CropScores]], split: AdaptationSpli
         gain(before[there], own[there], SHARES[best]) if (there := np.isfinite(own)).sum() > 1 else None
         for before, own in zip(scores[0], honest, strict=True)
     )
-    assert parts is not None
+    if parts is None:
+        raise CloudError(
+            "fewer than two held-out spans have parts whose label is sure; accept frames elsewhere in the "
+            "recording"
+        )
     sizes, kept = (len(split.held), both.shape[1]), (synthetic[0], synthetic[best + 1])
     return AdaptationGain(*sizes, split.held_out, parts, joints, kept, SHARES[best])
 

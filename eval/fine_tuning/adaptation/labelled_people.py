@@ -24,6 +24,7 @@ from annotate.scheme.scheme import BACKGROUND, UNDEFINED
 from annotate.witness.shown_person import NOTE, ShownPerson
 from eval.network.body_state import BodyState, body_state_notes
 from eval.network.refine import camera_in
+from eval.scores.joint_errors import noted_joints_mm
 from eval.scores.joints import IN_SKELETON, JOINT, N_JOINTS
 from eval.training.body_targets import JOINTS, no_targets, with_joints
 from eval.training.crops import DEPTH_STEPS, person_crop
@@ -162,8 +163,8 @@ def targets_of(labels: LabelSet, frame: FrameLabels, number: int, image: tuple[I
     camera, and the pixels (h, w) of the crop's person.
     """
     (camera, mask), row = image, no_targets()
-    known = np.array(frame.notes.get("joints_mm", ()), np.float64)
-    if number == 1 and known.ndim == 2 and len(known) > max(IN_SKELETON) and np.isfinite(known).all():
+    known = noted_joints_mm(frame)
+    if number == 1 and known is not None:
         return with_joints(row, known[IN_SKELETON], camera, (frame.depth_mm, mask))
     joints_mm = witnessed_joints(frame, number, camera) if "label_by_colour" in steps_of(labels) else None
     if joints_mm is None:

@@ -27,7 +27,6 @@ from eval.network.colour.witnessed_body import witnessed_body
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.predict_source import joined
-from eval.scores.joints import N_JOINTS
 from sensors.rig.camera import project
 from sensors.rig.frame import FrameSource
 from sensors.rig.rig_calibration import RigCalibration
@@ -185,7 +184,7 @@ def _placed(state: BodyState, skeleton: Skeleton, cloud: ColouredCloud, mask: Bo
 
     mask: the person's pixels (h, w).
     """
-    joints_m, camera = skeleton.joints_m[:N_JOINTS], cloud.cloud.camera
+    joints_m, camera = skeleton.body_joints_m(), cloud.cloud.camera
     at = np.column_stack([project(camera, joints_m), 1000 * joints_m[:, 2]])
     known = np.isfinite(at).all(axis=1, keepdims=True)
     joints_px = np.where(known, at, state.joints_px)

@@ -135,7 +135,7 @@ def _clutter(rng: np.random.Generator, plan: FloorPlan, half_view_rad: float, ca
     """Draw things on the floor near the camera."""
     things = []
     for _ in range(int(rng.integers(*CLUTTER))):
-        thing = _before_camera(rng, draw_floor_clutter(rng, cast), half_view_rad)
+        thing = _in_front(rng, draw_floor_clutter(rng, cast), half_view_rad)
         if plan.take([thing]):
             things.append(thing)
     return things
@@ -147,13 +147,13 @@ def _on_desk(rng: np.random.Generator, stand: _Stand, half_view_rad: float) -> l
     plan.take_circle(np.zeros(2), EYE_M)
     top, end = (float(stand.desk[0].vertices_m[:, axis].max()) for axis in (2, 1))
     for _ in range(int(rng.integers(DESK_CLUTTER + 1))):
-        thing = _before_camera(rng, draw_desk_clutter(rng), half_view_rad)
+        thing = _in_front(rng, draw_desk_clutter(rng), half_view_rad)
         if middle(thing)[1] < end and plan.take([thing]):
             things.append(thing.placed(np.eye(3), np.array([0.0, 0.0, top])))
     return things
 
 
-def _before_camera(rng: np.random.Generator, thing: Mesh, half_view_rad: float) -> Mesh:
+def _in_front(rng: np.random.Generator, thing: Mesh, half_view_rad: float) -> Mesh:
     """Return a thing, turned at random, whose nearest point is within ``NEAR_M`` of the camera."""
     turn = Rotation.from_euler("z", rng.uniform(-np.pi, np.pi)).as_matrix()
     along = _along(rng, half_view_rad)
