@@ -56,8 +56,8 @@ def label_set(tmp_path) -> LabelSet:
         ({"confidence": np.zeros((1, 1), np.float32)}, "confidence"),
         ({"persons": np.zeros((6, 8), np.int64)}, "int64"),
         ({"status": "guessed"}, "guessed"),
-        ({"subject": 7}, "int"),
-        ({"notes": ["dim light"]}, "list"),
+        ({"subject": 7}, "subject is 7"),
+        ({"notes": ["dim light"]}, "dim light"),
     ],
 )
 def test_impossible_labels_are_refused(changes, says):
