@@ -1,5 +1,6 @@
 """Shared fixtures: real recordings if available, a small virtual recording, and the command."""
 
+import gc
 import hashlib
 import json
 import os
@@ -11,12 +12,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fcntl import LOCK_EX, flock
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+import annotate.onnx_session
+import annotate.person.finder
+import annotate.segmentation.suit_network
+import eval.network.onnx_network
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
@@ -36,6 +42,30 @@ SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the pages of the documentation first, because they take longest."""
     items.sort(key=lambda item: item.path.name != "test_docs.py")
+
+
+def pytest_collection_finish() -> None:
+    """Leave the modules and the tests out of garbage collections, a second each."""
+    gc.freeze()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def without_flushing() -> Iterator[None]:
+    """Leave writing to the disk to the system, because no test cuts the power."""
+    with pytest.MonkeyPatch.context() as patched:
+        for name in ("fsync", "fdatasync"):
+            patched.setattr(os, name, lambda file: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def networks_once() -> Iterator[None]:
+    """Prepare each network for computation once, however often tests load its file."""
+    kept = lru_cache(maxsize=8)(annotate.onnx_session.onnx_session)
+    with pytest.MonkeyPatch.context() as patched:
+        for module in (annotate.person.finder, annotate.segmentation.suit_network, eval.network.onnx_network):
+            patched.setattr(module, "onnx_session", kept)
+        yield
 
 
 @pytest.fixture(scope="session")
