@@ -16,7 +16,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.frame_labels import FrameLabels
 from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.scheme.regions import Region
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError, FormatError, Setting
 from sensors.files.bounded import read_bounded
 from sensors.files.natural_order import in_order
 from sensors.rig.camera import project, unproject
@@ -62,8 +62,10 @@ class LabelledHeads(Heads):
         camera, pose = session.calibration.color, session.calibration.color_from_depth
         if camera is None or pose is None:
             raise CalibrationError(
-                f"{session.path} lacks the calibration of its colour camera; give a pose file to --faces, or "
-                "strip --colour"
+                f"{session.path} lacks the calibration of its colour camera; give a pose file, or remove the "
+                "colour",
+                Setting.FACES,
+                Setting.COLOUR,
             )
         _check_same(labels, session)
         self._labels, self._camera, self._pose = labels, camera, pose

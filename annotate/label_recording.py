@@ -31,12 +31,12 @@ from annotate.segmentation.segment import SuitSegmenter, View, view_of
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import Suit, suit_to_toml
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import CloudError, ExistsError, Setting
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration, calibration_to_json
 
-NO_SUIT = "no --suit: only the person is extracted, its parts stay undefined"
+NO_SUIT = "no suit: only the person is extracted, its parts stay undefined"
 WRITERS, MOST_UNWRITTEN = 2, 6  # threads; labelled frames that wait for the disk; untuned
 DETECTORS, AHEAD = 2, 3  # threads; frames read before their turn; untuned, for two cores
 
@@ -321,8 +321,8 @@ def check_same(labels: LabelSet, frame_id: str, depth_mm: UInt16) -> FrameLabels
     kept = labels.read(frame_id)
     if not np.array_equal(kept.depth_mm, depth_mm):
         raise ExistsError(
-            f"{labels.path} holds another recording's frame {frame_id}; choose another folder "
-            "or pass --overwrite"
+            f"{labels.path} holds another recording's frame {frame_id}; choose another folder",
+            Setting.OVERWRITE,
         )
     return kept
 

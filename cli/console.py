@@ -20,7 +20,8 @@ from rich.table import Table
 from rich.text import Text
 from typer import Option
 
-from sensors.errors import ExistsError, one_line
+from cli.remedies import remedied
+from sensors.errors import ExistsError, Setting, one_line
 from sensors.files.atomic import is_taken
 
 if TYPE_CHECKING:
@@ -158,7 +159,7 @@ def provenance() -> dict[str, str]:
 def say(*lines: str) -> None:
     """Print remarks on stderr."""
     for line in lines:
-        print(one_line(line), file=sys.stderr, flush=True)
+        print(one_line(remedied(line)), file=sys.stderr, flush=True)
 
 
 def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
@@ -186,7 +187,7 @@ def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
     if overwrite and out.exists():
         check_replaceable(out, marker, *inputs)
     elif is_taken(out) and not (out / marker).is_file():
-        raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} already exists; choose another folder", Setting.OVERWRITE)
 
 
 def clear(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:

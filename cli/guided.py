@@ -10,6 +10,7 @@ import numpy as np
 
 from annotate.live.rig_warnings import rig_warnings
 from cli.console import say
+from cli.remedies import remedied
 from cli.rig_devices import check_infrared, open_rig
 from sensors.calibrate.bundle import Adjusted
 from sensors.calibrate.guide import Guidance, PlateSetup, guide, is_new, next_placement
@@ -101,7 +102,7 @@ def guided(
                 try:
                     view, known = view_plate(frame, plate, guess.depth), with_all_cameras(guess, frame)
                 except FormatError as error:
-                    say(str(error))
+                    say(remedied(error))
                     continue
                 if known is not guess:
                     guess, setup = known, PlateSetup.of(known, plate)

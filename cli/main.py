@@ -3,10 +3,12 @@
 import errno
 import os
 import sys
+from functools import partial
 
 import typer
 
 from cli import benchmark, demo, installation, scheme
+from cli.remedies import RUNNING, options_of, remedied
 from cli.verbs import (
     calibration,
     conversion,
@@ -76,11 +78,12 @@ def main() -> None:
     os.environ["PYTHONSAFEPATH"] = "1"
     # OpenCV's warnings about damaged images would add lines to the error that names the file.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
+    RUNNING.set(partial(options_of, app, sys.argv[1:]))
     try:
         with interruptible():
             app()
     except CloudError as error:
-        _fail(str(error))
+        _fail(remedied(error))
     except KeyboardInterrupt:
         _fail(_interrupted(sys.argv[1:]), 130)
     except SystemExit as end:

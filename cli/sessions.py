@@ -15,6 +15,7 @@ import typer
 from typer import Option
 
 from cli.console import clear, finish, progress, say, table
+from cli.remedies import remedied
 from sensors.errors import CloudError
 from sensors.files.natural_order import paths_in_order
 from sensors.importers.open_source import open_source
@@ -109,7 +110,7 @@ def each(
                 done[name] = outcome()
             except (CloudError, OSError) as error:
                 # Other sessions may be on another disk or have other permissions.
-                failed[name] = str(error)
+                failed[name] = remedied(error)
             advance(1)
     return {name: done[name] for name in jobs if name in done}, failed
 

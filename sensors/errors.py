@@ -1,6 +1,8 @@
-"""Hierarchy of expected errors, caused by users, data or devices."""
+"""Hierarchy of expected errors, caused by users, data or devices, and settings that mend them."""
 
 import re
+from enum import Enum
+from typing import Self
 
 _LACKING = re.compile(r"missing \d+ required .*arguments?: (.+)")
 _UNKNOWN = re.compile(r"unexpected keyword argument ('.*')")
@@ -36,8 +38,56 @@ def fault_of(error: Exception) -> str:
     return next((fault for kind, fault in _KINDS if isinstance(error, kind)), text)
 
 
+class Setting(Enum):
+    """Setting of a caller. A verb of the command has an option of that name, or lacks it."""
+
+    OVERWRITE = "overwrite"
+    INTRINSICS = "intrinsics"
+    DEPTH_UNIT = "depth-unit"
+    TURN = "turn"
+    MIRROR = "mirror"
+    AXES = "axes"
+    TOPIC = "topic"
+    RATE = "rate"
+    SESSION = "session"
+    WEIGHTS = "weights"
+    SCHEME = "scheme"
+    MAP = "map"
+    FRAME = "frame"
+    FACES = "faces"
+    COLOUR = "colour"
+    PORT = "port"
+    UP = "up"
+    MARKERSET = "markerset"
+    TAKE = "take"
+    SCHEDULER = "scheduler"
+    WORKERS = "workers"
+    PRECISION = "precision"
+    SEED = "seed"
+    INIT = "init"
+    NETWORK = "network"
+
+
+class Note(str):
+    """Remark on data. settings: settings that change the data."""
+
+    settings: tuple[Setting, ...]
+
+    def __new__(cls, text: str, *settings: Setting) -> Self:
+        note = super().__new__(cls, text)
+        note.settings = settings
+        return note
+
+
 class CloudError(Exception):
-    """Root of all expected errors. The message is one line: the fault, the value, the remedy."""
+    """Root of all expected errors. The message is one line: the fault, the value, the remedy.
+
+    settings: settings that mend the fault; a verb names its options for them.
+    """
+
+    def __init__(self, text: str = "", *settings: Setting) -> None:
+        super().__init__(text)
+        self.settings = settings
 
     def __str__(self) -> str:
         text, half = super().__str__(), LONGEST // 2

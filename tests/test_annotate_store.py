@@ -96,7 +96,7 @@ def test_a_label_set_reopens_as_it_was(label_set, tmp_path):
         reopened.write(FrameLabels("a", np.ones((4, 4), np.uint16), np.zeros((4, 4), np.uint8)))
     (tmp_path / "file").write_text("mine")
     for taken in (label_set.path, tmp_path / "file"):
-        with pytest.raises(ExistsError, match="--overwrite"):
+        with pytest.raises(ExistsError, match="choose another folder"):
             LabelSet.create(taken, CAMERA, {})
     assert validate(reopened) == []
 

@@ -151,7 +151,7 @@ def test_a_full_disk_keeps_the_frames_that_are_done(annotate_cloud, tiny_disk, r
 
 def remarks(done) -> int:
     """Return the number of lines before a refusal."""
-    return sum(done.err.count(text) for text in ("no --suit", "evaluate: ", "export: "))
+    return sum(done.err.count(text) for text in ("no suit", "evaluate: ", "export: "))
 
 
 FORMATS = ("pairs", "mmseg", "coco", "cvat", "pcd", "ply", "semantic-kitti", "parquet")

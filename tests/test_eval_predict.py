@@ -229,7 +229,7 @@ def test_another_source_or_setting_is_not_mixed_in(tmp_path, crops, truth, netwo
     with pytest.raises(CloudError, match="holds no frames"):
         predict_frames(none, network, tmp_path / "q", silent)
     assert not (tmp_path / "q").exists()
-    with pytest.raises(CloudError, match="--everybody"):
+    with pytest.raises(CloudError, match="leave out one of the two"):
         PredictOptions(probabilities=True, everybody=True)
 
 

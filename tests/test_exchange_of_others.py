@@ -141,7 +141,7 @@ def test_the_remedy_for_absent_intrinsics_works(coco, tmp_path, annotate_cloud):
     source, camera, out = coco(intrinsics=False), tmp_path / "camera.json", tmp_path / "labels"
     camera.write_text(json.dumps(CAMERA))
     refused = annotate_cloud("import", source, out)
-    assert refused.code == 1 and "give --intrinsics FILE" in refused.err and not out.exists()
+    assert refused.code == 1 and "depth camera (--intrinsics)" in refused.err and not out.exists()
     assert annotate_cloud("import", source, out, "--intrinsics", camera).code == 0
     assert LabelSet.open(out).frame_ids == ["000000"]
 
@@ -333,7 +333,7 @@ def test_archives_that_cannot_be_unpacked_are_named(tmp_path):
     for names, why in [
         (["a.json", "a.json/b"], r"x\.zip cannot be unpacked \(Not a directory\); unpack it yourself"),
         (["a" * 300], r"x\.zip cannot be unpacked \(File name too long\)"),
-        (["annotations.json"], r"x\.zip has neither annotate-cloud\.json nor intrinsics\.json; give --intr"),
+        (["annotations.json"], r"x\.zip has neither annotate-cloud\.json nor intrinsics\.json; give a file"),
         (["../escaped.txt", "/escaped.txt"], "no known format"),
     ]:
         with pytest.raises(CloudError, match=why):

@@ -91,7 +91,7 @@ def test_a_taken_port_is_refused_with_the_remedy():
     pytest.importorskip("foxglove")
     from annotate.foxglove.server import FoxgloveServer
 
-    with FoxgloveServer(0) as server, pytest.raises(CloudError, match=r"in use.* --port"):
+    with FoxgloveServer(0) as server, pytest.raises(CloudError, match=r"in use.* another port"):
         FoxgloveServer(server.port)
     with pytest.raises(CloudError, match="port 70000 cannot be served"):
         FoxgloveServer(70000)

@@ -100,13 +100,13 @@ def test_a_network_without_a_certain_gain_is_not_kept(corrected, rig_session, tm
 
 
 def test_recording_and_weights_must_be_those_of_the_labels(corrected, rig_session, tmp_path):
-    with pytest.raises(CloudError, match="--session"):
+    with pytest.raises(CloudError, match="give its recording"):
         tuner(corrected, None)
     network = load_suit_network(FULL_SUIT_NETWORK)
     with torch.no_grad():
         network.leave.bias += 1
     export_suit_network(network, tmp_path / "other.onnx")
-    with pytest.raises(CloudError, match="--weights"):
+    with pytest.raises(CloudError, match="give its weights"):
         tuner(corrected, rig_session, tmp_path / "other.onnx")
     known = LabelSet.open(corrected)
     frame = known.read(DONE[0])

@@ -182,7 +182,7 @@ def test_others_names_become_parts(theirs, tmp_path, annotate_cloud, suffix):
 
 def test_unknown_names_are_listed_in_one_line(theirs, tmp_path, annotate_cloud):
     done = annotate_cloud("import", theirs(RENAMED), tmp_path / "back")
-    assert_refused(done, "'LEFT paw'", "'Right-Paw'", "'Chair'", "'left_foot'", "--map FILE", "--scheme")
+    assert_refused(done, "'LEFT paw'", "'Right-Paw'", "'Chair'", "'left_foot'", "(--scheme, --map)")
     assert done.err.count("\n") == 1 and not (tmp_path / "back").exists()
 
 
@@ -208,13 +208,13 @@ def test_masks_of_whole_persons_alone_are_refused(theirs, tmp_path, annotate_clo
     content = json.loads((folder / coco.ANNOTATIONS).read_text())
     content["annotations"] = [one for one in content["annotations"] if one["category_id"] == 100]
     (folder / coco.ANNOTATIONS).write_text(json.dumps(content))
-    assert_refused(annotate_cloud("import", folder, tmp_path / "back"), "has a body part", "--map FILE")
+    assert_refused(annotate_cloud("import", folder, tmp_path / "back"), "has a body part", "--map")
 
 
 def test_a_stated_scheme_is_not_overruled(tmp_path, annotate_cloud):
     out = exported(made(tmp_path / "own", HANDS), "pairs")
     done = annotate_cloud("import", out, tmp_path / "back", "--scheme", "six")
-    assert_refused(done, "has scheme 'hands-and-feet'", "without --scheme")
+    assert_refused(done, "has scheme 'hands-and-feet'", "leave the scheme out")
     assert annotate_cloud("import", out, tmp_path / "back", "--scheme", "hands-and-feet").code == 0
 
 

@@ -61,7 +61,7 @@ def test_a_network_keeps_the_classes_that_a_coarser_scheme_joins():
 
 def test_a_network_without_a_bias_keeps_its_classes():
     config = PaperConfig(4, 8)
-    with pytest.raises(CloudError, match="leave out --init"):
+    with pytest.raises(CloudError, match="start without weights"):
         expanded(build(config), config, PAPER, HANDS)
 
 
@@ -119,7 +119,9 @@ def test_a_file_without_a_scheme_is_of_the_given_one_where_the_number_of_classes
     del model.metadata_props[:]
     onnx.save(model, unnamed)
     assert OnnxNetwork(unnamed, scheme=SIX).own == SIX
-    with pytest.raises(FormatError, match=r"output \(2, 7, .* give a network of 12 classes .*--scheme"):
+    with pytest.raises(
+        FormatError, match=r"output \(2, 7, .* give a network of 12 classes .*name the scheme"
+    ):
         OnnxNetwork(unnamed)
     with pytest.raises(FormatError, match=r"output \(2, 7, .* give a network of 16 classes"):
         OnnxNetwork(unnamed, scheme=HANDS)

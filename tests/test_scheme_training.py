@@ -67,7 +67,7 @@ def test_crops_in_a_coarser_scheme_are_the_converted_crops(tmp_path, scheme):
 
 def test_sources_of_several_schemes_need_one_that_they_convert_to(tmp_path):
     paths = [set_of(tmp_path / scheme.name, scheme).path for scheme in (PAPER, HANDS)]
-    with pytest.raises(CloudError, match="give --scheme"):
+    with pytest.raises(CloudError, match="give a scheme"):
         load_crops(paths)
     assert load_crops(paths, scheme=PAPER).scheme == PAPER
     with pytest.raises(FormatError, match="several parts"):

@@ -97,7 +97,7 @@ def test_without_any_times_a_rate_counts(opened, storage):
     messages = [(t, m, 7) for t, m, _ in depths(stamps=[-START / PERIOD] * 4)]
     source = opened(messages, storage=storage)
     np.testing.assert_array_equal(np.diff(source.times_ns), FRAME_PERIOD_NS)
-    assert noted(source, "no usable times", "--rate")
+    assert noted(source, "no usable times", "give the rate")
     source = opened(messages, ImportOptions(rate_hz=10), storage)
     np.testing.assert_array_equal(np.diff(source.times_ns), PERIOD)
     assert_depth(source)

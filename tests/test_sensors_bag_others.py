@@ -185,7 +185,7 @@ def test_depth_and_colour_are_of_one_camera_and_a_topic_chooses_it(opened):
         ]
 
     both = [*robot("camera", 0.1), *robot("cam2", 0.2)]
-    assert noted(opened(both), "other depth images: /camera/depth/image_raw", "--topic")
+    assert noted(opened(both), "other depth images: /camera/depth/image_raw", "choose one")
     for name, by in (("cam2", 0.2), ("camera", 0.1)):
         for topics in ((f"/{name}/depth/image_raw",), (f"/{name}",), (f"/{name}/depth",)):
             source = opened(both, ImportOptions(topics=topics))
@@ -225,7 +225,7 @@ def test_one_camera_info_describes_both_streams(opened, info, depth, color, fram
 def test_the_camera_info_of_colour_is_not_that_of_another_camera(opened, tmp_path):
     """Only colour is described: raw depth, of another frame, has no camera until it is given one."""
     messages = [described("/camera/color/camera_info", camera("c")), *depths(), *colours()]
-    with pytest.raises(CalibrationError, match=r"no camera_info for /camera/depth/image_raw.*--intrinsics"):
+    with pytest.raises(CalibrationError, match=r"no camera_info for /camera/depth/image_raw"):
         opened(messages)
     file = tmp_path / "i.json"
     file.write_text(json.dumps({"fx": 50, "fy": 51, "cx": 30, "cy": 20, "width": W, "height": H}))

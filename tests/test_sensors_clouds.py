@@ -101,7 +101,7 @@ def test_a_viewpoint_turns_a_cloud_that_is_not_in_the_sensors_own_frame(tmp_path
 def test_a_mirrored_grid_is_refused(tmp_path, turn):
     points = camera_points(room())[:, ::-1].reshape(-1, 3) @ turn.T
     path = write(tmp_path / "x.pcd", pcd(points, *room().shape[::-1]))
-    assert_refused(path, "mirror image of its coordinates; import it with --mirror", FormatError)
+    assert_refused(path, "mirror image of its coordinates; negate y", FormatError)
     source = CloudFile(path, ImportOptions(mirror=True))
     # As in the grid: the opener mirrors image and camera back.
     assert np.abs(source.frame(0).depth_mm[:, ::-1].astype(int) - room()).max() <= 1
@@ -179,11 +179,11 @@ def test_axes_that_are_not_sure_are_noted_and_can_be_declared(tmp_path):
     u, v = np.meshgrid(np.arange(60), np.arange(50))
     wall = np.stack([(u - 30) * 0.013, (v - 25) * 0.017, 2.0 + 0.002 * u], axis=-1).reshape(-1, 3)
     source = open_source(write(tmp_path / "wall.ply", ply(wall)))
-    assert noted(source, "if the image is upside down: import it with --axes kinect")
+    assert noted(source, "if the image is upside down, the axes are kinect")
     path = write(tmp_path / "x.ply", ply(person("whole") @ CLOUD_FROM_CAMERA["kinect"].T))
     source = open_source(path)
-    assert noted(source, "upside down: import it with --axes camera")
-    assert noted(source, "left and right are mirrored: import it with --mirror")
+    assert noted(source, "upside down, the axes are camera")
+    assert noted(source, "where it points right (Unity), mirror the image")
     assert "camera axes" in CloudFile(path, ImportOptions(axes="camera")).notes[0]
 
 
@@ -245,21 +245,23 @@ def test_a_lying_person_above_the_origin_is_seen_by_no_camera_there(tmp_path, ax
     lying = person("lying")
     level = (lying - np.median(lying, axis=0)) @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) - [0, 0.8, 0]
     path = write(tmp_path / "x.ply", ply(level @ CLOUD_FROM_CAMERA[axes].T))
-    assert_refused(path, r"import it with --axes: camera, y-up", FormatError)
+    assert_refused(path, r"give the axes: camera, y-up", FormatError)
     assert CloudFile(path, ImportOptions(axes=axes)).frame(0).depth_mm.any()
 
 
 def test_what_stays_open_is_asked_for(tmp_path):
     rng = np.random.default_rng(0)
     blob = write(tmp_path / "blob.ply", ply(rng.normal(0, 0.5, (4000, 3))))
-    assert_refused(blob, r"import it with --axes: camera, y-up, ros, z-up, kinect", FormatError)
+    assert_refused(blob, r"give the axes: camera, y-up, ros, z-up, kinect", FormatError)
     assert "y-up axes" in CloudFile(blob, ImportOptions(axes="y-up")).notes[0]
     noise = np.array([0, 0, 150.0]) + rng.normal(0, 20, (4000, 3))
     cloud = write(tmp_path / "hand.ply", ply(noise))
-    assert_refused(cloud, r"1\.5 m as centimetres.*import it with --depth-unit", FormatError)
+    assert_refused(cloud, r"1\.5 m as centimetres.*give the millimetres of a unit", FormatError)
     assert CloudFile(cloud, ImportOptions(depth_unit_mm=10)).frame(0).depth_mm.any()
     far = write(tmp_path / "far.ply", ply(room_points() * 1000))
-    with pytest.raises(FormatError, match=r"no point is within the 65\.534 m .* import it with --depth-unit"):
+    with pytest.raises(
+        FormatError, match=r"no point is within the 65\.534 m .* give the millimetres of a unit"
+    ):
         CloudFile(far, ImportOptions(depth_unit_mm=1000))
     with pytest.raises(FormatError, match="axes 'up' are unknown; use camera"):
         CloudFile(blob, ImportOptions(axes="up"))

@@ -51,7 +51,9 @@ def test_an_undeclared_unit_is_refused_and_named(unit):
         for e in exact
     ]
     for samples in (exact, noisy):
-        with pytest.raises(FormatError, match=rf"nothing is nearer .*--depth-unit.* {unit:g} \("):
+        with pytest.raises(
+            FormatError, match=rf"nothing is nearer .*give the millimetres of a step.* {unit:g} \("
+        ):
             judge_depth(samples, None, "x")
     if unit == 0.125:
         players = [
@@ -150,7 +152,7 @@ def test_what_is_no_depth_is_refused():
     kelvin = np.random.default_rng(0).normal(29600, 200, (96, 128)).astype(np.uint16)
     inches = [(room / 25.4).astype(np.uint16) for room in ROOMS]
     for samples in (disparity, [kelvin], inches, [ROOMS[0].astype(np.uint8)]):
-        with pytest.raises(FormatError, match="--depth-unit") as error:
+        with pytest.raises(FormatError, match="give the millimetres of a step") as error:
             judge_depth(samples, None, "here")
         assert str(error.value).startswith("here: ") and "\n" not in str(error.value)
     with pytest.raises(FormatError, match="depth has no reading within 65 m"):
@@ -169,7 +171,7 @@ def test_rooms_upside_down_and_disparity_are_doubtful():
         *((upright, False), (turned, True), (disparity, True), (wall, False)),
         ([turned[0], upright[0]], False),
     ):
-        assert any("--turn 180" in note for note in judge_depth(samples, None, "x").notes) == doubted
+        assert any("turn them by 180" in note for note in judge_depth(samples, None, "x").notes) == doubted
 
 
 def test_a_declared_turn_ends_the_doubt(tmp_path):
@@ -178,9 +180,9 @@ def test_a_declared_turn_ends_the_doubt(tmp_path):
         depth=np.stack(ROOMS)[:, ::-1].astype(np.uint16),
         K=np.diag([100.0, 100, 1]) + MIDDLE,
     )
-    assert any("--turn 180" in note for note in open_source(tmp_path / "x.npz").notes)
+    assert any("turn them by 180" in note for note in open_source(tmp_path / "x.npz").notes)
     assert not any(
-        "--turn" in note for note in open_source(tmp_path / "x.npz", ImportOptions(turn_deg=180)).notes
+        "turn them" in note for note in open_source(tmp_path / "x.npz", ImportOptions(turn_deg=180)).notes
     )
 
 

@@ -204,7 +204,7 @@ def test_cameras_that_none_is_are_refused(tmp_path, wrong):
 
 def test_a_camera_and_a_unit_can_be_declared(tmp_path):
     write(tmp_path / "f" / "depth" / "0.png", png(plain() * np.uint16(10)))
-    assert_refused(tmp_path / "f", "--intrinsics")
+    assert_refused(tmp_path / "f", "give such a file")
     file = camera_file(tmp_path / "elsewhere")
     options = ImportOptions(intrinsics=file, depth_unit_mm=0.1, rate_hz=5, subject="anna")
     source = open_source(tmp_path / "f", options)

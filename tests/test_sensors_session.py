@@ -187,7 +187,7 @@ def test_depth_alone_is_a_session(tmp_path):
 def test_nothing_is_overwritten_unasked(tmp_path):
     path = record(tmp_path / "a.mcap", frames(1))
     before = path.read_bytes()
-    with pytest.raises(ExistsError, match="--overwrite"):
+    with pytest.raises(ExistsError, match="choose another name"):
         record(path, frames(2))
     (tmp_path / "b.mcap.partial").write_bytes(b"an unfinished recording")
     with pytest.raises(ExistsError, match="partial"):

@@ -41,7 +41,9 @@ def test_the_height_of_every_joint_of_a_bvh_is_its_own(tmp_path, doing, zero_pos
     if doing != "lies" or agree:
         np.testing.assert_allclose(heights, true, atol=2e-3)
     else:
-        assert any("--up" in line for line in known.assumed), "lies by a wrong zero pose, and nothing is said"
+        assert any(" is up" in line for line in known.assumed), (
+            "lies by a wrong zero pose, and nothing is said"
+        )
     said = [line for line in known.assumed if "vertical" in line or "zero pose" in line]
     assert bool(said) == (not agree or zero_pose is ALONG_X or doing == "lies")
 
@@ -85,7 +87,7 @@ def test_who_squats_or_stands_on_flat_soles_stands_whatever_is_stated(stated):
     for bent, moves in ((70, True), (0, True), (0, False)):
         up, said = up_of(recorded(*stands(bent, moves), move=(1.0, 2.0, 0.0)), stated)
         assert up == "z"
-        assert bool(said) == (stated.axis != "z") and "--up" not in said
+        assert bool(said) == (stated.axis != "z") and " is up" not in said
 
 
 @pytest.mark.parametrize("up", ["z", "y", "-z"])
@@ -100,7 +102,7 @@ def test_who_lies_stays_lying_where_the_file_states_the_vertical(up):
             lies = recorded(angles, pelvis, PRONE, move=(0.3, 0.5, 1.0))
         lies[..., 2] -= on_floor[..., 2].min() - 0.03
         found, said = up_of(to.apply(lies.reshape(-1, 3)).reshape(lies.shape), Upward(up, "Y_SCREEN", "z"))
-        assert found == up and "the person lies" in said and "--up" in said
+        assert found == up and "the person lies" in said and " is up" in said
 
 
 def test_places_about_the_pelvis_say_nothing_of_a_floor(tmp_path):
@@ -147,20 +149,20 @@ def test_who_exercises_on_the_floor_stays_on_it_and_the_doubt_is_named(doing):
     at = on_the_floor(doing)
     for up, order in (("z", [0, 1, 2]), ("y", [1, 2, 0])):
         found, said = up_of(at[..., order], Upward(up, "Y_SCREEN", "z"))
-        assert found == up and "the person lies" in said and "--up" in said
-        assert "--up" in up_of(at[..., order], Upward("", "", up))[1]
+        assert found == up and "the person lies" in said and " is up" in said
+        assert " is up" in up_of(at[..., order], Upward("", "", up))[1]
     feet_at_0 = at - [0, at[..., 1].max(), 0]
-    assert "--up" in up_of(feet_at_0, Upward("", "", "z"))[1]
+    assert " is up" in up_of(feet_at_0, Upward("", "", "z"))[1]
 
 
 def test_who_lies_in_a_file_without_a_vertical_lies_on_its_floor_and_the_doubt_is_named():
     lies = recorded(*stands(0, feet=35), PRONE, move=(0.3, 1.4, 0.0))
     lies[..., 2] -= lies[..., 2].min() - 0.03
     up, said = up_of(lies, Upward("", "", "z"))
-    assert up == "z" and "--up" in said
+    assert up == "z" and " is up" in said
     y_up = lies[..., [1, 2, 0]]
     up, said = up_of(y_up)
-    assert up == "y" and "--up" in said
+    assert up == "y" and " is up" in said
 
 
 def test_who_stands_on_the_toes_at_the_origin_of_a_file_without_a_vertical_stands():
@@ -169,7 +171,7 @@ def test_who_stands_on_the_toes_at_the_origin_of_a_file_without_a_vertical_stand
     lowest = positions.min(axis=(0, 1))
     for axes in ([0, 1, 2], [2, 0, 1], [0, 2, 1]):
         up, said = up_of((positions - lowest - 0.02)[..., axes], Upward("", "", "z"))
-        assert up == "xyz"[axes.index(2)] and "--up" in said
+        assert up == "xyz"[axes.index(2)] and " is up" in said
 
 
 def test_who_stands_still_in_the_static_gives_its_axis_to_the_trial():

@@ -9,7 +9,7 @@ import numpy as np
 
 from annotate.array_types import UInt8
 from annotate.scheme.scheme import BACKGROUND_PART, UNDEFINED, Scheme
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Setting
 from sensors.files.bounded import read_bounded, read_toml
 
 PERSON, PERSON_ID = "person", -1
@@ -100,8 +100,10 @@ def check_names(names: Iterable[str], known: Mapping[str, int], scheme: Scheme, 
         listed = ", ".join(repr(name[:40]) for name in unknown[:LISTED])
         raise FormatError(
             f"{file} has names that are unknown in scheme {scheme.name!r}: {listed}{more}; "
-            'give --scheme, or --map FILE with lines such as "their name" = "our part" or "background"; '
-            f"parts are {', '.join(part.name for part in scheme.parts)}"
+            'give their scheme, or a map with lines such as "their name" = "our part" or "background"; '
+            f"parts are {', '.join(part.name for part in scheme.parts)}",
+            Setting.SCHEME,
+            Setting.MAP,
         )
 
 

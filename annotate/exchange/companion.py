@@ -22,7 +22,7 @@ from annotate.labelset.scheme_note import scheme_in, scheme_note
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from sensors.calibration_files.intrinsics_file import read_intrinsics
-from sensors.errors import CalibrationError, FormatError, fault_of
+from sensors.errors import CalibrationError, FormatError, Setting, fault_of
 from sensors.files.bounded import read_bounded
 from sensors.files.natural_order import paths_in_order
 from sensors.rig.camera import Intrinsics
@@ -121,8 +121,9 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
     if not file.is_file():
         if not (folder / INTRINSICS).is_file():
             raise CalibrationError(
-                f"{folder} has neither {COMPANION} nor {INTRINSICS}; give --intrinsics FILE holding "
-                '{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": W, "height": H} of the depth camera'
+                f"{folder} has neither {COMPANION} nor {INTRINSICS}; give a file holding "
+                '{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": W, "height": H} of the depth camera',
+                Setting.INTRINSICS,
             )
         return Companion(read_intrinsics(folder / INTRINSICS).depth)
     return _stored(file)

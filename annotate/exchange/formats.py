@@ -26,7 +26,7 @@ from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.labelset.scheme_note import scheme_note
 from annotate.scheme.scheme import BACKGROUND, Scheme
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Setting
 
 
 @dataclass(frozen=True)
@@ -185,7 +185,7 @@ def _companion(source: Path, found: Companion, declared: Declared) -> Companion:
     scheme = declared.scheme or found.scheme
     if found.is_ours and scheme != found.scheme:
         raise FormatError(
-            f"{source} has scheme {found.scheme.name!r}; import it without --scheme, then convert "
+            f"{source} has scheme {found.scheme.name!r}; leave the scheme out, then convert "
             f"the label set to {scheme.name!r}"
         )
     return replace(found, scheme=scheme, theirs=declared.theirs)
@@ -196,6 +196,8 @@ def _check_parts(source: Path, labels: LabelSet, has_part: bool) -> None:
         raise FormatError(f"{source} holds no frames; export it again")
     if not has_part:
         raise FormatError(
-            f"none of the {len(labels)} frames of {source} has a body part; name other programs' labels with "
-            f"--map FILE or --scheme, or as parts: {', '.join(part.name for part in labels.scheme.parts)}"
+            f"none of the {len(labels)} frames of {source} has a body part; name other programs' labels by "
+            f"a map or a scheme, or as parts: {', '.join(part.name for part in labels.scheme.parts)}",
+            Setting.MAP,
+            Setting.SCHEME,
         )

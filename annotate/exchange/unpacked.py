@@ -46,7 +46,7 @@ def _named(archive: Path, folder: str) -> Iterator[None]:
     try:
         yield
     except (FormatError, CalibrationError) as error:
-        raise type(error)(str(error).replace(folder, str(archive))) from error
+        raise type(error)(str(error).replace(folder, str(archive)), *error.settings) from error
 
 
 def _extracted(archive: Path, folder: Path) -> Path:

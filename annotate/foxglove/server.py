@@ -8,7 +8,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 
 from annotate.foxglove.origin_gate import LOOPBACK, OriginGate, hidden_address
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 from sensors.session.messages import EVENTS, event_message
 
 PORT = 8765  # default of Foxglove's app
@@ -49,7 +49,9 @@ class FoxgloveServer:
         except (OSError, OverflowError) as error:
             self._server.stop()
             why = getattr(error, "strerror", None) or error
-            raise CloudError(f"port {port} cannot be served ({why}); choose another with --port") from error
+            raise CloudError(
+                f"port {port} cannot be served ({why}); choose another port", Setting.PORT
+            ) from error
         self.port = self._gate.port
 
     def __enter__(self) -> Self:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import JOURNAL
-from sensors.errors import ExistsError
+from sensors.errors import ExistsError, Setting
 from sensors.files.atomic import is_taken, sweep, temporary_of
 
 
@@ -61,7 +61,7 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
     """
     taken = is_taken(out)
     if taken and not overwrite:
-        raise ExistsError(f"{out} already exists; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} already exists; choose another folder", Setting.OVERWRITE)
     with claimed_to_replace(out, marker, *inputs) if taken else nullcontext():
         folder = temporary_of(out)
         sweep(out.parent, f".{escape(out.name)}.*.partial")

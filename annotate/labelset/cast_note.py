@@ -30,13 +30,16 @@ def known_people_note(info: Mapping[str, Any]) -> str:
     synthetic = info.get("made_by") == "simulate" or "preset" in info
     if not synthetic or cast_of(info) != TRAINING:
         return ""
-    return "the truth shows the training cast, so scores of shipped networks are too good; use --cast judge"
+    return (
+        "the truth shows the training cast, so scores of shipped networks are too good; make it of the "
+        "cast 'judge'"
+    )
 
 
 def check_trainable(path: Path, info: Mapping[str, Any]) -> None:
     """Raise CloudError for a manifest or metadata of another cast than the training cast."""
     if (cast := cast_of(info)) != TRAINING:
         raise CloudError(
-            f"{path} shows people of --cast {cast}, reserved for measuring; train on people of "
-            f"--cast {TRAINING}"
+            f"{path} shows people of the cast {cast!r}, reserved for measuring; train on people of the cast "
+            f"{TRAINING!r}"
         )

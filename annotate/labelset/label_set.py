@@ -21,7 +21,7 @@ from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
 from annotate.labelset.json_object import encode_object, read_object
 from annotate.labelset.scheme_note import check_scheme, scheme_in
-from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError, fault_of
+from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError, Setting, fault_of
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.files.natural_order import in_order, paths_in_order
 from sensors.rig.camera import Intrinsics
@@ -57,7 +57,7 @@ class LabelSet:
     def create(cls, path: Path, intrinsics: Intrinsics, info: dict[str, Any]) -> Self:
         """Start an empty label set in a new or empty folder. Raises ExistsError otherwise."""
         if is_taken(path):
-            raise ExistsError(f"{path} already exists; choose another folder or pass --overwrite")
+            raise ExistsError(f"{path} already exists; choose another folder", Setting.OVERWRITE)
         scheme = scheme_in(info, path / MANIFEST)
         (path / FRAMES).mkdir(parents=True, exist_ok=True)
         manifest = {
@@ -107,8 +107,8 @@ class LabelSet:
         begun = cls.open(path)
         if _settings(begun.info) != _settings(json.loads(json.dumps(info))) or begun.intrinsics != intrinsics:
             raise ExistsError(
-                f"{path} was made from another source or with other settings; choose another folder "
-                "or pass --overwrite"
+                f"{path} was made from another source or with other settings; choose another folder",
+                Setting.OVERWRITE,
             )
         return begun
 

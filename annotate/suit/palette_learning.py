@@ -18,7 +18,7 @@ from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.suit.color_model import evenly, readable
 from annotate.suit.palette import MIN_CHROMA_DISTANCE, Suit, body_parts, chromaticity, may_be_bare
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 from sensors.rig.frame import FrameSource
 
 SEAM_PX = 2  # distance from another part from which a colour counts
@@ -35,7 +35,8 @@ def corrected_frames(labels: LabelSet) -> list[str]:
     if not ids:
         raise CloudError(
             f"{labels.path} holds no corrected frame; correct a frame with fix, or name frames with right "
-            "labels by --frame"
+            "labels",
+            Setting.FRAME,
         )
     return ids
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer import Argument, BadParameter, Option
 
 from cli.console import Json, Names, Overwrite, finish, progress, say
+from cli.remedies import remedied
 from cli.scheme import names
 from sensors.errors import FormatError
 from sensors.files.atomic import check_free
@@ -202,7 +203,7 @@ def write_session(
             advance(1)
     notes = (*notes, *(f"colour of {count} frames is {fault}: left out" for fault, count in faults.items()))
     say(*notes, _camera_note(frames))
-    return streams, list(notes)
+    return streams, [remedied(note) for note in notes]
 
 
 def _without_broken_color(faults: Counter[str], frame: "RigFrame") -> "RigFrame":

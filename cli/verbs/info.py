@@ -9,6 +9,7 @@ import typer
 from typer import Argument
 
 from cli.console import Json, cell, event_lines, facts, finish, table
+from cli.remedies import remedied
 from cli.sessions import recordings_in
 from sensors.errors import CloudError
 from sensors.importers.open_source import judged_notes, open_source
@@ -96,8 +97,7 @@ def _source(path: Path) -> Contents:
         }
         short |= _recording(source)
         texts.append(_streams(source))
-    notes = judged_notes(source)
-    result["notes"] = list(notes)
+    notes = result["notes"] = [remedied(note) for note in judged_notes(source)]
     return result, "\n\n".join([facts(short), *texts, "\n".join(notes)])
 
 
@@ -149,10 +149,10 @@ def _folder(files: list[Path]) -> Contents:
                 "name": source.name,
                 "frames": len(source),
                 "duration_s": round(span_s, 3),
-                "notes": list(source.notes),
+                "notes": [remedied(note) for note in source.notes],
             }
         except (CloudError, OSError) as error:
-            found[file.name] = {"error": str(error)}
+            found[file.name] = {"error": remedied(error)}
     rows = [
         (name, one["kind"], one["name"], one["frames"], cell(one["duration_s"], "s"))
         for name, one in found.items()
@@ -174,7 +174,7 @@ def _folder_problems(files: list[Path]) -> Problems:
         try:
             wrong, doubtful = _source_problems(file)
         except (CloudError, OSError) as error:
-            wrong, doubtful = [str(error)], []
+            wrong, doubtful = [remedied(error)], []
         problems += [f"{file.name}: {problem}" for problem in wrong]
         doubts += [f"{file.name}: {doubt}" for doubt in doubtful]
     return problems, doubts
@@ -198,7 +198,7 @@ def _source_problems(path: Path) -> Problems:
         except CloudError as error:
             problems.append(f"frame {index:06d}: {error}")
     try:
-        doubts = [note for note in judged_notes(source) if note.startswith(DOUBTFUL)]
+        doubts = [remedied(note) for note in judged_notes(source) if note.startswith(DOUBTFUL)]
     except CloudError:
         doubts = []  # an unreadable frame is among the problems
     return problems, doubts

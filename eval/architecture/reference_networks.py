@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from eval.architecture.blocks import NetworkOutput, convolution
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 
 STAGES = ((1, 1), (2, 2), (4, 4, 4), (8, 8, 8), (8, 8, 8))
 """VGG-16: channels of each stage's 3x3 convolutions, in multiples of the base; a halving ends each stage."""
@@ -135,7 +135,8 @@ class SmpUnet(nn.Module):
             reason = str(error).splitlines()[0][:120]
             raise CloudError(
                 f"encoder {config.encoder!r} is not available ({reason}); "
-                "pip install segmentation-models-pytorch, or take another --network"
+                "pip install segmentation-models-pytorch, or take another network",
+                Setting.NETWORK,
             ) from error
 
     def forward(self, depth: Tensor) -> NetworkOutput:

@@ -71,7 +71,7 @@ def pair_up(predicted: LabelledFrames, truth: LabelledFrames) -> tuple[list[Pair
     if missing:
         raise CloudError(
             f"{predicted.path} lacks {len(missing)} of the {len(wanted)} frames of {truth.path}, "
-            f"first {missing[0]}; predict or label them, or take them out of the truth"
+            f"first {missing[0]}; predict or label them"
         )
     return [Pair(known[i], entry) for i, entry in wanted.items()], len(known) - len(wanted)
 

@@ -22,7 +22,7 @@ from eval.fine_tuning.training_split import CorrectedFrame
 from eval.training.segmentation.examples import Example, detected_example
 from eval.training.segmentation.network import FULL_SUIT_NETWORK
 from eval.training.segmentation.train import Progress
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 from sensors.importers.open_source import open_source
 
 
@@ -37,7 +37,7 @@ class SuitFineTuner(FineTuner):
     def __init__(self, labels: LabelSet, session: Path | None, start: Path | None) -> None:
         session, how = session or find_session(labels), suit_step(labels)
         if session is None:
-            raise CloudError(f"{labels.path} was made with a suit; give its recording: --session RECORDING")
+            raise CloudError(f"{labels.path} was made with a suit; give its recording", Setting.SESSION)
         super().__init__(labels, start or FULL_SUIT_NETWORK, degrade=True)
         self._source, self._suit = (
             open_source(session),
@@ -47,8 +47,8 @@ class SuitFineTuner(FineTuner):
         self._first_network = SuitNetwork(start) if start else shipped_suit_network()
         if self._first_network.sha256 != how.get("weights_sha256", shipped_suit_network().sha256):
             raise CloudError(
-                f"{labels.path} was not labelled by {start or 'the shipped network'}; give its weights with "
-                "--weights"
+                f"{labels.path} was not labelled by {start or 'the shipped network'}; give its weights",
+                Setting.WEIGHTS,
             )
         self._ids, self._examples = set(labels.frame_ids), dict[str, Example]()
 
@@ -119,8 +119,8 @@ class SuitFineTuner(FineTuner):
             if not left:
                 return
         raise CloudError(
-            f"{self._source.name} is not the recording of {self._labels.path}; give the right one with "
-            "--session"
+            f"{self._source.name} is not the recording of {self._labels.path}; give the right one",
+            Setting.SESSION,
         )
 
 

@@ -25,7 +25,7 @@ from eval.network.body_state import BodyState
 from eval.network.flip_averaging import CELL_OUTPUTS, averaged, flipped_back, mean_of_factors
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
-from sensors.errors import FormatError, one_line
+from sensors.errors import FormatError, Setting, one_line
 from sensors.files.bounded import read_bounded
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
@@ -73,11 +73,12 @@ class OnnxNetwork(SchemeNetwork):
         schemes = [named_scheme] if named_scheme else [scheme or PAPER, PAPER]
         fitting = [one for one in schemes if trial.shape == (2, len(one.class_ids), SIZE, SIZE)]
         if not fitting:
-            other = "" if named_scheme or scheme else ", or name the scheme of its classes (--scheme)"
+            other = "" if named_scheme or scheme else ", or name the scheme of its classes"
             raise FormatError(
                 f"weights {path} output {trial.shape} for two crops; give a network of "
                 f"{len(schemes[0].class_ids)} classes (scheme {schemes[0].name!r} and the background) at "
-                f"{SIZE}x{SIZE}{other}"
+                f"{SIZE}x{SIZE}{other}",
+                *((Setting.SCHEME,) if other else ()),
             )
         self.own = self.scheme = fitting[0]
         if not ((trial >= 0).all() and np.abs(trial.sum(axis=1) - 1).max() < ROUNDING * trial.shape[1]):

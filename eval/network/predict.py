@@ -53,11 +53,11 @@ class PredictOptions:
     def __post_init__(self) -> None:
         if self.everybody and self.probabilities:
             raise CloudError(
-                "--probabilities stores one person, --everybody labels all; leave out one of them"
+                "probabilities are of one person, everybody labels all; leave out one of the two"
             )
         if self.all_refiners and (self.everybody or self.probabilities):
             raise CloudError(
-                "--again and --learnt refine one person; leave out --probabilities and --everybody"
+                "refinement is of one person; leave out probabilities and everybody, or the refinement"
             )
 
     @property

@@ -22,7 +22,7 @@ from annotate.scheme.merging import conversion_table
 from annotate.scheme.scheme import BACKGROUND, Scheme
 from eval.training.body_targets import ROW, body_targets
 from eval.training.shared_bodies import bodies_in, held_out
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 
 K = TypeVar("K", bound=np.generic)
 UNKNOWN = "unknown"
@@ -185,7 +185,8 @@ def common_scheme(sources: Sequence[LabelledFrames]) -> Scheme:
         if other.scheme != first.scheme:
             raise CloudError(
                 f"{first.path} has scheme {first.scheme.name!r}, {other.path} has {other.scheme.name!r}; "
-                "give --scheme with a scheme that both convert to"
+                "give a scheme that both convert to",
+                Setting.SCHEME,
             )
     return first.scheme
 

@@ -18,7 +18,7 @@ from eval.architecture.joint_head import HEAD
 from eval.architecture.kinds import Kinds
 from eval.architecture.networks import NetworkConfig, build
 from eval.architecture.reference_networks import SmpConfig
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 
 Parents = Sequence[Sequence[int]]
 """Old classes of each new class, one or more."""
@@ -93,8 +93,9 @@ def expanded(model: nn.Module, config: NetworkConfig, old: Scheme, new: Scheme) 
         start_layer(values, "unet.segmentation_head.0", parents_of(old, new), len(old.class_ids))
     else:
         raise CloudError(
-            f"weights have scheme {old.name!r} and the data {new.name!r}; leave out --init, because the last "
-            "layer of this network has no bias"
+            f"weights have scheme {old.name!r} and the data {new.name!r}; start without weights, because the "
+            "last layer of this network has no bias",
+            Setting.INIT,
         )
     built = build(config, new)
     for name, value in built.state_dict().items():

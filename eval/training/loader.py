@@ -13,7 +13,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from eval.training.augment import Augmentation, augment
 from eval.training.crops import Crops
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 from synth.images.workers import check_semaphores
 from synth.random_stream import stream
 
@@ -119,5 +119,6 @@ def workers_watched() -> Iterator[None]:
             raise
         raise CloudError(
             "a worker process was killed, perhaps because memory ran out; run the same command again to "
-            "continue, with fewer --workers"
+            "continue, with fewer workers",
+            Setting.WORKERS,
         ) from error

@@ -14,7 +14,7 @@ from torch.optim.swa_utils import AveragedModel
 
 from eval.network.weights_file import check_fits, read_tensors, write_tensors
 from eval.training.processes import ALONE, ProcessGroup
-from sensors.errors import CloudError, FormatError, fault_of
+from sensors.errors import CloudError, FormatError, Setting, fault_of
 
 WARM_STEPS = 10.0  # after these the average reaches further back than half of the steps; untuned
 B = TypeVar("B")
@@ -242,8 +242,9 @@ def fit(
         loss, value = training.loss(network, batch, share)
         if not math.isfinite(value):
             raise CloudError(
-                f"the loss of step {progress.step} is not finite; train with --precision float32 or another "
-                "--seed"
+                f"the loss of step {progress.step} is not finite; train in float32 or with another seed",
+                Setting.PRECISION,
+                Setting.SEED,
             )
         state.step(loss, share)
         now = time.monotonic()

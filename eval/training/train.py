@@ -27,7 +27,7 @@ from eval.training.loader import Batch, BatchOrder, Images, batches, workers_wat
 from eval.training.plan import Loss, Plan, at_resolution
 from eval.training.processes import ProcessGroup
 from eval.training.resumable_loop import Epoch, Point, Progress, Schedule, State, fit, load_progress, resumed
-from sensors.errors import ExistsError
+from sensors.errors import ExistsError, Setting
 from sensors.files.atomic import is_taken, write_bytes
 
 PLAN, CHECKPOINT, HISTORY = "plan.json", "checkpoint.safetensors", "history.json"
@@ -261,11 +261,11 @@ def _begin(out: Path, plan: Plan, data: Data) -> None:
     if (out / PLAN).is_file():
         if (out / PLAN).read_text() != text + "\n":
             raise ExistsError(
-                f"{out} holds another training (other plan or data); use another folder or pass --overwrite"
+                f"{out} holds another training (other plan or data); use another folder", Setting.OVERWRITE
             )
         return
     if is_taken(out):
-        raise ExistsError(f"{out} exists and is not a training; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} exists and is not a training; choose another folder", Setting.OVERWRITE)
     out.mkdir(parents=True, exist_ok=True)
     write_bytes(out / PLAN, (text + "\n").encode())
 

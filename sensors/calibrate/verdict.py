@@ -41,7 +41,7 @@ def judge(found: Adjusted) -> tuple[bool, list[Finding]]:
 
 def _residual(name: str, rms_px: float) -> Finding:
     blurred = rms_px > LIMIT_PX[name]
-    remedy = "hold the plate still, light it evenly, check the plate's --pitch-mm" if blurred else ""
+    remedy = "hold the plate still, light it evenly, check the pitch of the plate's holes" if blurred else ""
     return Finding(f"{name}: holes off by {rms_px:.3f} px (rms)", remedy)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.calibration_files.lens_models import intrinsics_from_opencv, intrinsics_from_rational
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, Setting
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose, rotation_of
 
@@ -72,8 +72,9 @@ def intrinsics_from(
         matrix = p.reshape(3, 4)[:, :3]
     if not matrix[:2, :2].any():
         raise CalibrationError(
-            f"{name} holds no calibration (its matrix K is zero); calibrate the camera, or give "
-            "--intrinsics FILE"
+            f"{name} holds no calibration (its matrix K is zero); calibrate the camera, or give its "
+            "intrinsics",
+            Setting.INTRINSICS,
         )
     full = int(message.width), int(message.height)
     window = window_of(message)
@@ -94,7 +95,8 @@ def _with_lens(
     if not np.isfinite(d).all():
         raise CalibrationError(
             f"{name} has lens coefficients that are not finite ({', '.join(f'{n:g}' for n in d[:5])}); "
-            "give --intrinsics FILE"
+            "give intrinsics",
+            Setting.INTRINSICS,
         )
     fisheye = d.size > 0 and any(word in model for word in _FISHEYES)
     used = int(np.flatnonzero(d)[-1]) + 1 if d.any() else 0

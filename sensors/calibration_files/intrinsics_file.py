@@ -17,7 +17,7 @@ import numpy as np
 from sensors.calibration_files.camera_text import read_camera_text
 from sensors.calibration_files.lens_models import realsense_intrinsics
 from sensors.checks.camera_check import check_camera
-from sensors.errors import CalibrationError, fault_of
+from sensors.errors import CalibrationError, Setting, fault_of
 from sensors.files.bounded import read_bounded
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import MAX_CALIBRATION_BYTES
@@ -48,7 +48,8 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
         raise CalibrationError(
             f"the depth images have no intrinsics; add {files[0]} holding "
             f'{{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": {shape[1]}, "height": {shape[0]}}} '
-            "with the depth camera's four numbers in pixels, or give such a file with --intrinsics"
+            "with the depth camera's four numbers in pixels, or give such a file",
+            Setting.INTRINSICS,
         )
     return read_intrinsics(file, shape), f"intrinsics from {file.name}"
 

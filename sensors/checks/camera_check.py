@@ -6,7 +6,7 @@ shares of the image, thousandths), not unusual cameras. Constants are untuned un
 
 import numpy as np
 
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, Setting
 from sensors.rig.camera import Intrinsics, distort, undistort
 from sensors.rig.rig_calibration import RigCalibration
 
@@ -29,19 +29,21 @@ def check_camera(camera: Intrinsics, where: str) -> Intrinsics:
             degrees = 2 * np.degrees(np.arctan(side / 2 / focal))
             raise CalibrationError(
                 f"{where}: focal length {name} {focal:g} px in an image of {camera.width}x{camera.height} is "
-                f"a view of {degrees:.3g} degrees, which no such camera has; give it in pixels of this image "
-                "(--intrinsics FILE)"
+                f"a view of {degrees:.3g} degrees, which no such camera has; give it in pixels of this image",
+                Setting.INTRINSICS,
             )
     if not 1 / SQUEEZED < camera.fx / camera.fy < SQUEEZED:
         raise CalibrationError(
             f"{where}: focal lengths fx {camera.fx:g} and fy {camera.fy:g} px differ too much; "
-            "give both in pixels of this image (--intrinsics FILE)"
+            "give both in pixels of this image",
+            Setting.INTRINSICS,
         )
     for name, centre, length in (("cx", camera.cx, camera.width), ("cy", camera.cy, camera.height)):
         if not -OFF_CENTRE * length < centre < (1 + OFF_CENTRE) * length:
             raise CalibrationError(
                 f"{where}: centre {name} {centre:g} lies far outside the image of {camera.width}x"
-                f"{camera.height}; give the intrinsics of this image (--intrinsics FILE)"
+                f"{camera.height}; give the intrinsics of this image",
+                Setting.INTRINSICS,
             )
     if any(camera.distortion):
         _check_lens(camera, where)
@@ -76,5 +78,6 @@ def _check_lens(camera: Intrinsics, where: str) -> None:
         lens = ", ".join(f"{number:g}" for number in camera.distortion)
         raise CalibrationError(
             f"{where}: lens coefficients k1, k2, p1, p2, k3 of {lens} have no inverse within the image; "
-            "give OpenCV's (--intrinsics FILE), without unit, or 0 for images without distortion"
+            "give OpenCV's, without unit, or 0 for images without distortion",
+            Setting.INTRINSICS,
         )

@@ -24,7 +24,7 @@ from sensors.checks.depth_units import (
     remedy,
     unit_of,
 )
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Note, Setting
 from sensors.rig.frame import mm_from_units
 
 Image = NDArray[Any]
@@ -45,8 +45,8 @@ FARTHER = 1.4  # lower over upper quarter, in all images; upright rooms have 0.1
 FILLED = 0.25  # share of a quarter's pixels with a reading from which it is compared
 SAMPLES = 5  # frames of a source that are examined
 BYTES = (
-    "depth of 8 bits has no known unit; store 16-bit integers in millimetres, or give the millimetres of a "
-    "step with --depth-unit"
+    "depth of 8 bits has no known unit; store 16-bit integers in millimetres, or give the millimetres of "
+    "a step"
 )
 JUDGED = "depth:"  # first word of the judge's note
 UPSIDE_DOWN = "doubtful depth: the lower quarter"  # first words of the note
@@ -93,7 +93,7 @@ def judge_depth(
     images = [_thinned(np.asarray(sample)) for sample in samples if np.size(sample)]
     kind = images[0].dtype if images else np.dtype(np.uint16)
     if kind.itemsize == 1 and unit_mm is None:
-        raise FormatError(f"{where}: {BYTES}")
+        raise FormatError(f"{where}: {BYTES}", Setting.DEPTH_UNIT)
     swapped = kind.kind in "iu" and kind.itemsize == 2 and _swapped(images)
     words = [image.byteswap() if swapped else image for image in images]
     invalid = _codes(words, unit_mm or 1.0)
@@ -108,7 +108,8 @@ def judge_depth(
     if found.far <= 0 or found.near > SATURATED / 1000:
         raise FormatError(
             f"{where}: depth has no reading within 65 m with {unit:g} mm a step (1st, 50th and 99th "
-            f"percentile: {found}); {remedy(values, unit)}"
+            f"percentile: {found}); {remedy(values, unit)}",
+            Setting.DEPTH_UNIT,
         )
     source = "assumed" if unit_mm is None else "declared"
     first = (
@@ -190,9 +191,10 @@ def _doubts(found: Range, images: Sequence[Image], unit_mm: float, *, assumed: b
     if not why and assumed and (found.far > FAR_M or found.far < SHORT_M):
         side = "a part of the scene is farther" if found.far > FAR_M else "nothing is farther"
         why = f"{side} than {metres(found.far)}"
-    doubts = []
+    doubts = list[str]()
     if why:
-        doubts.append(f"doubtful depth: {why} with {unit_mm:g} mm a step; give --depth-unit if that is wrong")
+        doubt = f"doubtful depth: {why} with {unit_mm:g} mm a step; give the unit if that is wrong"
+        doubts.append(Note(doubt, Setting.DEPTH_UNIT))
     empty = np.mean([np.count_nonzero(image == 0) / image.size for image in images])
     if found.far < FLAT * found.near and empty < CUT_OUT:
         span = f"all depth is from {metres(found.near)} to {metres(found.far)}"
@@ -212,10 +214,11 @@ def upside_down(images: Sequence[Image], invalid: tuple[float, ...], unit_mm: fl
     if not pairs or min(lower / upper for upper, lower in pairs) < FARTHER:
         return []
     upper, lower = np.median(pairs, axis=0) * unit_mm / 1000
-    return [
+    doubt = (
         f"{UPSIDE_DOWN} of the images is farther ({metres(lower)}) than the upper ({metres(upper)}): "
-        "they are upside down (give --turn 180), or hold disparity"
-    ]
+        "they hold disparity, or are upside down; turn them by 180 degrees"
+    )
+    return [Note(doubt, Setting.TURN)]
 
 
 def _quarters(image: Image, invalid: tuple[float, ...]) -> tuple[float, float] | None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Note, Setting
 
 NEAREST_M = 4.5  # where nothing is nearer, an assumed unit is wrong; a Kinect v2 measures to 4.5 m
 NEAR_M, MEDIAN_M = 2.5, 7.5  # the same where nothing is nearer than the one and half farther than the other
@@ -80,10 +80,12 @@ def unit_of(
         return usual, []
     for other in ([1.0] if floats else []) + ([likely] if likely else []):
         if _is_usual(range_of(values, other)):
-            return other, [f"{other:g} mm a step taken, because {why} with {usual:g}; else give --depth-unit"]
+            taken = f"{other:g} mm a step taken, because {why} with {usual:g}; else give the unit"
+            return other, [Note(taken, Setting.DEPTH_UNIT)]
     raise FormatError(
         f"{where}: {why} with {usual:g} mm a step, which no file declares (1st, 50th and 99th percentile: "
-        f"{found}); {remedy(values, usual)}"
+        f"{found}); {remedy(values, usual)}",
+        Setting.DEPTH_UNIT,
     )
 
 
@@ -98,9 +100,9 @@ def remedy(values: NDArray[np.float64], usual: float) -> str:
     ]
     fits.sort(key=lambda fit: not fit[1])
     if not fits:
-        return "these may be disparity, temperatures or infrared; else give --depth-unit"
+        return "these may be disparity, temperatures or infrared; else give the millimetres of a step"
     units = "; ".join(text for text, _ in fits[:4])
     return (
-        f"give --depth-unit, or depth_unit_mm in intrinsics.json: {units}; "
-        "disparity, temperatures and infrared are not depth"
+        "disparity, temperatures and infrared are not depth; for depth give the millimetres of a step, or "
+        f"depth_unit_mm in intrinsics.json: {units}"
     )

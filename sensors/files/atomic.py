@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sensors.errors import ExistsError, FormatError
+from sensors.errors import ExistsError, FormatError, Setting
 
 _TOKEN = os.urandom(4).hex()  # unpredictable, so that no link can wait at a temporary name
 
@@ -16,7 +16,7 @@ def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
     ``folder`` is False.
     """
     if path.exists() and not overwrite:
-        raise ExistsError(f"{path} already exists; choose another name or pass --overwrite")
+        raise ExistsError(f"{path} already exists; choose another name", Setting.OVERWRITE)
     if path.is_dir() and not folder:
         raise ExistsError(f"{path} is a folder; give the name of a file")
 

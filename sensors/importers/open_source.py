@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
-from sensors.errors import CalibrationError, CloudError, FormatError
+from sensors.errors import CalibrationError, CloudError, FormatError, Note, Setting
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.session.recording_file import recording_at
 
@@ -62,7 +62,7 @@ _FOREIGN_SUFFIXES = {
     **dict.fromkeys((".xyz", ".pts"), _POINTS),
     ".e57": "a scan; save it as .ply or .las with CloudCompare",
     ".yaml": "a text file; give the recording itself: of a ROS 2 bag the folder that holds metadata.yaml",
-    ".json": "a text file; give the recording itself, and the camera with --intrinsics",
+    ".json": "a text file; give the recording itself",
     ".txt": "a text file; give the folder that the list belongs to",
 }
 
@@ -88,7 +88,7 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource"
     """
     opener = opener_at(path, options)
     if options.topics and not opener.topics:
-        raise CloudError(f"{path} has no topics; leave --topic out")
+        raise CloudError(f"{path} has no topics; leave the topic out", Setting.TOPIC)
     source = opener.read()
     if options != AS_STATED:
         from sensors.importers.declared import Declared
@@ -121,7 +121,7 @@ def judged_notes(source: "FrameSource") -> tuple[str, ...]:
     try:
         check_rig(source.calibration, "doubtful calibration")
     except CalibrationError as error:
-        notes.append(str(error))
+        notes.append(Note(str(error), *error.settings))
     for at in spread(len(source)):
         try:
             samples.append(source.frame(at).depth_mm)

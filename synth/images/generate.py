@@ -12,7 +12,7 @@ from annotate.labelset.cast_note import cast_note
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.dataset import MANIFEST, ORDER, SCHEMA, Dataset, encode_shard, sha256
 from annotate.labelset.scheme_note import scheme_note
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import CloudError, ExistsError, Setting
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.versions import code_digest, different, versions
 from synth.images.dataset_page import write_page
@@ -148,7 +148,7 @@ def _begin(order: Order, out: Path) -> None:
     if is_taken(out):
         if not started.is_file() or started.read_bytes() != text:
             raise ExistsError(
-                f"{out} holds another dataset or other files; choose another folder or pass --overwrite"
+                f"{out} holds another dataset or other files; choose another folder", Setting.OVERWRITE
             )
         return
     out.mkdir(parents=True, exist_ok=True)

@@ -336,5 +336,5 @@ def dressed_from(preset: Preset, garments: Path) -> Preset:
     """Return a preset whose people wear garments of a folder. Raises CloudError for a naked preset."""
     if preset.people is not crowd_person:
         dressed = ", ".join(name for name, other in PRESETS.items() if other.people is crowd_person)
-        raise CloudError(f"people of preset {preset.name} are naked; use --garments with {dressed}")
+        raise CloudError(f"people of preset {preset.name} are naked; give garments to {dressed}")
     return replace(preset, people=Wardrobe.of(garments))

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import cv2
 
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 
 CONNECT_SECONDS = 10  # to a scheduler, and to its first worker
 
@@ -34,7 +34,8 @@ def processes(count: int) -> Iterator[Workers]:
     except BrokenExecutor as error:
         raise CloudError(
             "a worker process was killed, perhaps because memory ran out; run the same command again to "
-            "continue, with fewer --workers if possible"
+            "continue, with fewer workers if possible",
+            Setting.WORKERS,
         ) from error
 
 
@@ -69,14 +70,15 @@ def cluster(address: str) -> Iterator[Workers]:
     try:
         from distributed import Client, KilledWorker
     except ImportError as error:
-        raise CloudError("--scheduler needs dask; pip install 'annotate-cloud[cluster]'") from error
+        raise CloudError("a scheduler needs dask; pip install 'annotate-cloud[cluster]'") from error
     # The errors below replace distributed's log of a lost connection.
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
     try:
         client: Any = Client(address, timeout=CONNECT_SECONDS, set_as_default=False)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise CloudError(
-            f"scheduler {address} does not answer; start one with 'dask scheduler', or leave out --scheduler"
+            f"scheduler {address} does not answer; start one with 'dask scheduler', or leave it out",
+            Setting.SCHEDULER,
         ) from error
     with client:
         try:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from annotate.array_types import Float32, Float64, UInt8
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 from synth.markers.kinematics import State, Subject, markers_at
 from synth.markers.motion_file import BRIDGED, GHOST, MISSING, SEEN, SWAPPED, MarkerReport, Motion
 from synth.markers.person_fit import LENIENT_M, Template, fit_from_nothing, fit_shape, posture_prior
@@ -172,7 +172,10 @@ def _calibration_frames(trial: KnownMarkers, count: int) -> Float64:
     chosen = np.array([s[np.argmax(seen[s])] for s in stretches])
     chosen = chosen[seen[chosen] >= max(MIN_SEEN, 0.5 * seen.max())]
     if not len(chosen):
-        raise CloudError("no frame holds enough markers of the set; check --markerset, or record again")
+        raise CloudError(
+            "no frame holds enough markers of the set; check the marker set, or record again",
+            Setting.MARKERSET,
+        )
     return np.asarray(trial.positions_m[chosen])
 
 

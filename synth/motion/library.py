@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from annotate.array_types import Int64
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Setting
 from sensors.files.npz import array_sizes
 
 if TYPE_CHECKING:
@@ -115,11 +115,11 @@ def read_take(path: Path, take: str | None) -> tuple[str, "Motion"]:
         if take not in takes:
             shown = ", ".join(list(takes)[:6]) + (", ..." if len(takes) > 6 else "")
             held = f"{len(takes)} takes" if take is None else f"no take {take!r}"
-            raise CloudError(f"{path} has {held}; name one with --take: {shown}")
+            raise CloudError(f"{path} has {held}; name one: {shown}", Setting.TAKE)
         return take, solve(takes[take], markerset=places)
     ((name, motion),) = read_motions(path).items()
     if take not in (None, name):
-        raise CloudError(f"{path} has no take {take!r}; leave out --take")
+        raise CloudError(f"{path} has no take {take!r}; leave it out", Setting.TAKE)
     return name, motion
 
 

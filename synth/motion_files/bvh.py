@@ -70,7 +70,7 @@ def read_bvh(path: Path) -> tuple[Markers, MarkerSet]:
     except (ValueError, IndexError) as error:
         raise FormatError(f"{path} is a damaged BVH ({fault_of(error)}); export it again") from error
     except CloudError as error:
-        raise type(error)(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {error}", *error.settings) from error
 
 
 def _markers(text: BvhText) -> tuple[Markers, MarkerSet]:

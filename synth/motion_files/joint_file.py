@@ -84,7 +84,7 @@ def read_joint_file(path: Path) -> tuple[dict[str, Markers], MarkerSet]:
         rate, lines = _rate(arrays, [take[:, columns] for take in found.takes.values()], leg)
         whole = known_markers(Markers(places.names, together[:, columns], rate), places)
     except CloudError as error:
-        raise type(error)(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {error}", *error.settings) from error
     except (KeyError, TypeError, ValueError) as error:
         raise FormatError(f"{path} cannot be read ({fault_of(error)}); {REMEDY}") from error
     up, assumed = Upward(whole.up, GIVEN), (*found.assumed, *whole.assumed, *lines)
@@ -101,9 +101,7 @@ def read_joints(path: Path) -> tuple[Markers, MarkerSet]:
     """
     takes, places = read_joint_file(path)
     if len(takes) > 1:
-        raise CloudError(
-            f"{path} has {len(takes)} takes; give the file to 'synth film --take' or 'synth generate'"
-        )
+        raise CloudError(f"{path} has {len(takes)} takes; give the file to 'synth film' or 'synth generate'")
     return next(iter(takes.values())), places
 
 

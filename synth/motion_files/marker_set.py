@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
-from sensors.errors import CloudError, FormatError
+from sensors.errors import CloudError, FormatError, Setting
 from sensors.files.bounded import read_toml
 from synth.body.skeleton import JOINT_ID, shortest_arc
 from synth.data_files import shipped
@@ -240,7 +240,9 @@ def _span(positions: Float64) -> float:
     count = np.isfinite(positions).all(axis=2).sum(axis=1)
     full = positions[count >= max(4, 0.8 * count.max())]
     if not len(full):
-        raise CloudError("no frame holds four markers of the set; check --markerset, or record again")
+        raise CloudError(
+            "no frame holds four markers of the set; check the marker set, or record again", Setting.MARKERSET
+        )
     return float(np.median(np.linalg.norm(np.nanmax(full, axis=1) - np.nanmin(full, axis=1), axis=1)))
 
 

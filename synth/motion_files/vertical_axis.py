@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from annotate.array_types import Bool, Float64, Int64
-from sensors.errors import CloudError
+from sensors.errors import CloudError, Note, Setting
 from synth.body.skeleton import JOINTS
 
 AXES = ("x", "y", "z", "-x", "-y", "-z")
-GIVEN = "--up"  # source of an axis that is used without a check
+GIVEN = "the user"  # source of an axis that is used without a check
 UPRIGHT_DEG = 45.0  # greatest angle between trunk and vertical of an upright person
 MOST, SOME = 0.5, 0.25  # share of upright frames: most of a recording, and enough of a walk
 FAR_M = 0.7  # way of the pelvis beyond which a person walks; a person in bed turns over within it
@@ -154,10 +154,10 @@ def find_vertical(
     if not moves and shares[best] < MOST:
         return stated.axis, ()
     if person.grounded(best, stated.axis) and (moves or person.stands(best, stated.axis)):
-        doubt = f"; else give --up {_option(stated.axis)}" if person.on_floor(stated.axis) else ""
-        return best, (_stands(best, stated) + doubt,)
+        other = stated.axis if person.on_floor(stated.axis) else ""
+        return best, (_or_else(_stands(best, stated), other),)
     lies = f"by {stated.by} ({stated.axis} up) the person lies"
-    return stated.axis, (f"{lies}; if the person stands, give --up {_option(best)}",)
+    return stated.axis, (Note(f"{lies}; if the person stands, {best} is up", Setting.UP),)
 
 
 def _stands(axis: str, stated: Upward) -> str:
@@ -176,7 +176,7 @@ def _doubt(person: _Person, stated: Upward) -> tuple[str, ...]:
     across = [axis for axis in ("y", "z", "-y", "-z") if axis[-1] != stated.axis[-1]]
     other = next((axis for axis in across if person.on_floor(axis)), "")
     stands = f"by {stated.by} ({stated.axis} up) the person stands"
-    return (f"{stands}; if the person lies, give --up {_option(other)}",) if other else ()
+    return (Note(f"{stands}; if the person lies, {other} is up", Setting.UP),) if other else ()
 
 
 def zero_pose_axis(positions: Float64, joint: Int64) -> str:
@@ -195,8 +195,7 @@ def _unstated(
     grounds = [axis for axis in (usual, "y", "z") if person.on_floor(axis) and shares[axis] < MOST]
     ground = "" if person.on_floor(best) else next(iter(grounds), "")
     if moves or (shares[best] >= MOST and person.stands(best, ground)):
-        doubt = f"; else give --up {_option(grounds[0])}" if grounds else ""
-        return best, (_stands(best, UNSTATED) + doubt,)
+        return best, (_or_else(_stands(best, UNSTATED), grounds[0] if grounds else ""),)
     stands = person.on_floor(best) and shares[best] >= MOST
     lying = "" if stands else next(iter(grounds), usual if best[-1] == "x" else "")
     used = lying or (best if shares[best] >= MOST else usual)
@@ -205,11 +204,12 @@ def _unstated(
     line = (
         f"no vertical axis is stated and the motion does not decide it: {used} is used, so the person {how}"
     )
-    return used, (f"{line}; else give --up {_option(other)}",)
+    return used, (_or_else(line, other),)
 
 
-def _option(axis: str) -> str:
-    return axis if axis[0] != "-" else f"'{axis}'"
+def _or_else(line: str, other: str) -> str:
+    """Return a note with another possible axis, "" = none."""
+    return Note(f"{line}; else {other} is up", Setting.UP) if other else line
 
 
 def _person(positions_m: Float64, joint: Int64, at_m: Float64) -> _Person:

@@ -2,8 +2,6 @@
 
 import json as jsons
 import shlex
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -51,8 +49,7 @@ def try_(
     check_extra("report", "jinja2", "plotly")
     if adapt:
         check_extra("train", "torch", "onnx", "safetensors")
-    with _own_remedy():
-        runs, session = _labelled(recording, out)
+    runs, session = _labelled(recording, out)
     remarks, failed = _remarks(runs), [one for run in runs.values() for one in run.failed]
     say(*remarks)
     found = _reported(runs, session, out, remarks)
@@ -64,8 +61,7 @@ def try_(
     }
     lines = [agreement_text(found), "", f"report: {out / REPORT}"]
     if adapt:
-        with _own_remedy():
-            done = adapted([out / BY_COLOUR], out / ADAPTED, ADAPT_MINUTES)
+        done = adapted([out / BY_COLOUR], out / ADAPTED, ADAPT_MINUTES)
         result["adapted"] = done.fields()
         lines.append(f"adapted: {adapted_text(done)}")
     result["commands"] = next_commands(out, session)
@@ -73,15 +69,6 @@ def try_(
     finish(result, json, "\n".join(lines))
     if failed:
         raise typer.Exit(3)
-
-
-@contextmanager
-def _own_remedy() -> Iterator[None]:
-    """Leave ``--overwrite``, which ``try`` lacks, out of the refusals of the steps."""
-    try:
-        yield
-    except ExistsError as error:
-        raise ExistsError(str(error).replace(" or pass --overwrite", "")) from error
 
 
 def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":

@@ -38,7 +38,7 @@ from eval.training.crops import DEPTH_STEPS, Crops, to_crop
 from eval.training.expansion import expanded
 from eval.training.plan import ModernRecipe, Plan, fastest_precision
 from eval.training.segmentation.train import Progress
-from sensors.errors import ExistsError, FormatError
+from sensors.errors import ExistsError, FormatError, Setting
 from sensors.files.atomic import is_taken, write_bytes
 from synth.data_files import TRAINING
 from synth.images import workers
@@ -159,7 +159,7 @@ def finished(out: Path, order: str) -> Adapted | None:
             raise ExistsError(f"{out} already exists; choose another folder")
         return None
     if (out / ORDER).read_bytes() != order.encode():
-        raise ExistsError(f"{out} holds another adaptation; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} holds another adaptation; choose another folder", Setting.OVERWRITE)
     return Adapted.read(out) if (out / RECORD).is_file() else None
 
 

@@ -35,7 +35,7 @@ from eval.training.segmentation.network import (
     load_suit_network,
 )
 from eval.training.segmentation.validation import Validation, validate
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import CloudError, ExistsError, Setting
 from sensors.files.atomic import write_bytes
 
 BATCH = 8  # samples a step
@@ -211,9 +211,9 @@ def claim(out: Path, plan: dict[str, Any]) -> None:
     """Reserve a folder for a training. Raises ExistsError where it holds another or a finished training."""
     text = json.dumps(plan, indent=1).encode()
     if (out / WEIGHTS).exists():
-        raise ExistsError(f"{out} holds a finished training; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} holds a finished training; choose another folder", Setting.OVERWRITE)
     if (out / PLAN).exists() and (out / PLAN).read_bytes() != text:
-        raise ExistsError(f"{out} holds another training; choose another folder or pass --overwrite")
+        raise ExistsError(f"{out} holds another training; choose another folder", Setting.OVERWRITE)
     (out / EXAMPLES).mkdir(parents=True, exist_ok=True)
     write_bytes(out / PLAN, text)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sensors.calibration_files.camera_messages import Decoded
 from sensors.checks.depth_check import judge_depth, spread
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Setting
 from sensors.importers.bags.bag_camera import BagCameras, Stream
 from sensors.importers.bags.bag_files import BagFile, open_files
 from sensors.importers.bags.choose import Meaning, choose, holds_depth, meaning_of
@@ -155,7 +155,8 @@ class Bag(FrameSource):
             held = "; ".join([_listed(pictures, sorted(pictures)) or "no images", *lost])
             raise FormatError(
                 f"{path} has no depth images: it has {held}; "
-                "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose one by --topic"
+                "record depth (16UC1, 32FC1, compressedDepth or PNG of 16 bits), or choose a topic",
+                Setting.TOPIC,
             )
         read = [topics[name] for name in (chosen.depth, chosen.color) if name]
         self._depth, self._color = read[0], read[1] if chosen.color else None

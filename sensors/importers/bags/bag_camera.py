@@ -15,7 +15,7 @@ from sensors.calibration_files.camera_messages import (
 )
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.checks.camera_check import check_camera
-from sensors.errors import CalibrationError
+from sensors.errors import CalibrationError, Setting
 from sensors.importers.bags.choose import is_aligned
 from sensors.importers.bags.ros_images import picture_size
 from sensors.importers.bags.ros_messages import Picture, stamp_and_frame
@@ -60,7 +60,7 @@ class BagCameras:
             found = read_intrinsics(options.intrinsics, (height, width))
             lens, origin, unit_mm = found.depth, options.intrinsics.name, found.unit_mm
         else:
-            lens, origin = self._lens(depth, ", or give --intrinsics FILE")
+            lens, origin = self._lens(depth, Setting.INTRINSICS)
         notes = [f"depth intrinsics from {origin}"]
         if color is not None:
             try:
@@ -74,7 +74,7 @@ class BagCameras:
                 notes.append(f"colour images cannot be fused: {error}")
         return Found(RigCalibration(lens), tuple(notes), unit_mm)
 
-    def _lens(self, stream: Stream, otherwise: str = "") -> tuple[Intrinsics, str]:
+    def _lens(self, stream: Stream, *otherwise: Setting) -> tuple[Intrinsics, str]:
         """Return the lens of an image topic, and the camera topic that states the lens.
 
         otherwise: alternative remedy in the error. Raises CalibrationError where no topic states it at the
@@ -84,7 +84,8 @@ class BagCameras:
         candidates = [*near, *self._of_frame(stream)]
         if not candidates:
             raise CalibrationError(
-                f"{self._path} has no camera_info for {stream.name}; record that topic as well{otherwise}"
+                f"{self._path} has no camera_info for {stream.name}; record that topic as well",
+                *otherwise,
             )
         fitting = (name for name in candidates if size is None or describes(self._infos[name], size))
         name = next(fitting, candidates[0])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sensors.calibration_files.intrinsics_file import read_intrinsics
 from sensors.checks.depth_check import judge_depth, spread
-from sensors.errors import CalibrationError, FormatError
+from sensors.errors import CalibrationError, FormatError, Setting
 from sensors.importers.bags.bag_files import damaged, open_rosbag
 from sensors.importers.bags.ros_images import FINE_MM, color_encoded_from, depth_from, grey_from, picture_size
 from sensors.importers.bags.ros_messages import Picture, Place
@@ -132,7 +132,7 @@ class CameraRecording(FrameSource):
             lens, notes = factory, ["intrinsics from the recording"]
         else:
             raise CalibrationError(
-                f"{self.path} has no intrinsics of the depth camera; give --intrinsics FILE"
+                f"{self.path} has no intrinsics of the depth camera; give them", Setting.INTRINSICS
             )
         if not self._streams[COLOR].images:
             return RigCalibration(lens), [*notes, "no colour images"]

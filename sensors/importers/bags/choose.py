@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from natsort import natsort_key
 
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Note, Setting
 from sensors.importers.bags.ros_images import COLORS, DEPTHS, PICTURE_MAGICS, is_grey_png
 from sensors.importers.bags.ros_messages import Picture
 
@@ -85,7 +85,7 @@ def choose(first: Pictures, wanted: Sequence[str] = ()) -> Choice | None:
         notes.append(f"{depth} is not named depth: read as depth because it is {first[depth].encoding[:40]}")
     rivals = [n for n in sorted(first) if _is_depth(n, first[n]) and camera_of(n) != camera_of(depth)]
     if rivals and not wanted:
-        notes.append(f"other depth images: {', '.join(rivals[:8])}; choose by --topic")
+        notes.append(Note(f"other depth images: {', '.join(rivals[:8])}; else choose one", Setting.TOPIC))
     return Choice(depth, color, tuple(notes))
 
 

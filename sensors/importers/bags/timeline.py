@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.errors import Note, Setting
 from sensors.rig.frame import FRAME_PERIOD_NS, regular_times_ns
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
@@ -151,10 +152,12 @@ def _steps_back(stamps_ns: Times, received_ns: Times) -> bool:
 def _received(given: Stamps, order: Times, notes: list[str]) -> Timeline:
     """Return the timeline of a topic without usable stamps: by receive times, else at a regular rate."""
     times_ns = given.received_ns[order]
-    note = f"{given.name} has no usable time stamps: receive times are taken"
+    note = Note(f"{given.name} has no usable time stamps: receive times are taken")
     if len(times_ns) > 1 and np.ptp(times_ns) == 0:
         times_ns = times_ns[0] + regular_times_ns(len(times_ns))
-        note = f"{given.name} has no usable times: taken as 30 a second; else give --rate"
+        note = Note(
+            f"{given.name} has no usable times: taken as 30 a second; else give the rate", Setting.RATE
+        )
     zeros = np.zeros(len(order), np.int64)
     stamps = given.stamps_ns[order], given.received_ns[order]
     return Timeline(order, times_ns, *stamps, zeros, (note, *notes), stamped=False)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.calibration_files.intrinsics_file import read_intrinsics
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Note, Setting
 from sensors.importers.clouds.axes import (
     AXES,
     FLOOR_SHARE,
@@ -42,6 +42,10 @@ Float64 = NDArray[np.float64]
 
 APART = 1.0  # farthest point from its cloud, in sizes of the cloud without its outermost 0.1 %
 SAME_FOCAL = 0.003  # difference up to which a declared camera took the points: a pixel at the edge
+MIRRORED = (
+    "x is taken to point to the camera's left, as in the Kinect SDK; where it points right (Unity), "
+    "mirror the image, because left and right are exchanged"
+)
 MAPS = (".las", ".laz")  # formats of maps, in which z points up
 FARAWAY_M = 1000.0  # distance beyond which coordinates are a map's (UTM), with z up in any format
 METRES = (0.1, 30.0)  # typical distances in metres: depth cameras measure 0.2 to 10 m
@@ -153,11 +157,13 @@ def _unit_mm(path: Path, distance: float, along: Float64) -> float:
         guesses = ", ".join(f"{distance * unit / 1000:.2g} m as {name}" for name, unit in STEPS_MM.items())
         raise FormatError(
             f"{path}: half of the points are over {distance:.4g} units of unknown length away ({guesses}); "
-            "import it with --depth-unit: 10 for centimetres, 25.4 for inches, 1 for millimetres"
+            "give the millimetres of a unit: 10 for centimetres, 25.4 for inches, 1 for millimetres",
+            Setting.DEPTH_UNIT,
         )
     raise FormatError(
         f"{path}: half of the points are {'over' if distance > 1 else 'under'} {distance:.4g} units away, "
-        "impossible in metres or millimetres; import it with --depth-unit, in millimetres"
+        "impossible in metres or millimetres; give the millimetres of a unit",
+        Setting.DEPTH_UNIT,
     )
 
 
@@ -211,14 +217,9 @@ def _in_place(path: Path, points: Float64, found: _Sensor, axes: str, options: I
     ]
     if not sure:
         other = "kinect" if axes == "camera" else "camera"
-        how.append(
-            f"no floor shows where y points; if the image is upside down: import it with --axes {other}"
-        )
+        how.append(_where_y_points(other))
     if axes == "kinect" and not options.axes:
-        how.append(
-            "x is taken to point to the camera's left, as in the Kinect SDK; where it points right (Unity), "
-            "left and right are mirrored: import it with --mirror"
-        )
+        how.append(Note(MIRRORED, Setting.MIRROR))
     shown = project_cloud(seen, camera, spacing)
     return CloudView(camera, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
 
@@ -234,7 +235,8 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     if axes is None:
         raise FormatError(
             f"{path}: no camera at the cloud's origin sees it all, and neither a floor nor a standing person "
-            f"shows the direction up; import it with --axes: {', '.join(AXES)}"
+            f"shows the direction up; give the axes: {', '.join(AXES)}",
+            Setting.AXES,
         )
     turned = ((points - middle) * scale) @ camera_from(axes).T
     turned[_outliers(turned)] = np.nan
@@ -244,9 +246,15 @@ def _moved(path: Path, points: Float64, finite: Float64, options: ImportOptions)
     moved = ", ".join(f"{number:.2f}" for number in shift)
     how = [f"cloud with {axes} axes seen through Kinect v2 intrinsics, moved by ({moved}) m"]
     if axes == "y-up" and not options.axes and floor_share(some, AXES[axes][1]) < FLOOR_SHARE:
-        how.append("no floor shows where y points; if the image is upside down: import it with --axes camera")
+        how.append(_where_y_points("camera"))
     shown = project_cloud(seen, KINECT_V2, spacing)
     return CloudView(KINECT_V2, seen, shown, (*how, *unit), spacing_m=spacing, scale=scale)
+
+
+def _where_y_points(other: str) -> Note:
+    """Return the note that the axes are a guess. other: axes of an image that is upside down."""
+    doubt = f"no floor shows where y points; if the image is upside down, the axes are {other}"
+    return Note(doubt, Setting.AXES)
 
 
 def _outliers(points_m: Float64) -> NDArray[np.bool_]:

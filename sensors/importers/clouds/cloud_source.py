@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Setting
 from sensors.importers.clouds.axes import AXES
 from sensors.importers.clouds.camera_place import view_of
 from sensors.importers.clouds.las import read_las
@@ -53,7 +53,8 @@ class CloudFile(FrameSource):
             nearest = float(np.nanmin(np.abs(self._view.points_m[:, 2])))
             raise FormatError(
                 f"{path}: no point is within the {FARTHEST_MM / 1000:g} m of a depth image (the nearest is "
-                f"{nearest:.4g} m away); import it with --depth-unit, the millimetres of a unit"
+                f"{nearest:.4g} m away); give the millimetres of a unit",
+                Setting.DEPTH_UNIT,
             )
         colors, camera = self.cloud.colors(), self._view.camera
         self.calibration, self._color = RigCalibration(camera), None

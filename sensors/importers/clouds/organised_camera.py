@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.errors import FormatError
+from sensors.errors import FormatError, Setting
 from sensors.importers.clouds.axes import AXES, camera_from, subsample
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose
@@ -133,6 +133,7 @@ def _projection(pixels: Float64, points: Float64) -> Float64 | None:
 
 def _mirrored(path: object) -> FormatError:
     return FormatError(
-        f"{path}: the grid of the cloud is the mirror image of its coordinates; import it with --mirror "
-        "where the image is mirrored (Kinect SDK), or negate y where the coordinates are left-handed (Unity)"
+        f"{path}: the grid of the cloud is the mirror image of its coordinates; negate y where the "
+        "coordinates are left-handed (Unity), or mirror the image where it is mirrored (Kinect SDK)",
+        Setting.MIRROR,
     )
