@@ -7,6 +7,7 @@ from functools import partial
 
 import typer
 
+from annotate.compiler_notice import announce_compiling
 from cli import benchmark, demo, installation, scheme
 from cli.remedies import RUNNING, options_of, remedied
 from cli.verbs import (
@@ -79,6 +80,7 @@ def main() -> None:
     # OpenCV's warnings about damaged images would add lines to the error that names the file.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "ERROR")
     RUNNING.set(partial(options_of, app, sys.argv[1:]))
+    announce_compiling()
     try:
         with interruptible():
             app()

@@ -6,12 +6,15 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context, parent_process
 from multiprocessing.process import BaseProcess
+from multiprocessing.synchronize import Semaphore
 from typing import Any, NamedTuple
 
 import cv2
 
+from annotate.compiler_notice import announce_compiling, is_due
 from sensors.errors import CloudError, Setting
 
 CONNECT_SECONDS = 10  # to a scheduler, and to its first worker
@@ -28,8 +31,10 @@ class Workers(NamedTuple):
 def processes(count: int) -> Iterator[Workers]:
     """Start ``count`` processes, each on one core. Raises CloudError when a process is killed."""
     check_semaphores()
+    spawn = get_context("spawn")
+    lines = spawn.Semaphore(int(is_due()))
     try:
-        with ProcessPoolExecutor(count, get_context("spawn"), _begin) as pool:
+        with ProcessPoolExecutor(count, spawn, _begin, (lines,)) as pool:
             yield Workers(pool, count)
     except BrokenExecutor as error:
         raise CloudError(
@@ -49,9 +54,13 @@ def check_semaphores() -> None:
         ) from error
 
 
-def _begin() -> None:
-    """Limit a worker to one core, and end it when its parent dies, because a pool does not do so."""
+def _begin(lines: Semaphore) -> None:
+    """Limit a worker to one core, and end it when its parent dies, because a pool does not do so.
+
+    lines: number of lines about compiling that the workers may print in all.
+    """
     cv2.setNumThreads(1)
+    announce_compiling(partial(lines.acquire, block=False))
     if (parent := parent_process()) is not None:
         threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
