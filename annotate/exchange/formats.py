@@ -120,12 +120,23 @@ class Declared:
     """Statements of the user about labels of other programs.
 
     intrinsics: file of the depth camera; None = the folder's. scheme: of the labels; None = the folder's,
-    else the paper's. theirs: our names of parts by others' plain names or ids.
+    else the paper's. theirs: our names of parts by others' plain names or ids. by_hand: True if a person
+    corrected all labels, which no format of other programs states.
     """
 
     intrinsics: Path | None = None
     scheme: Scheme | None = None
     theirs: Mapping[str, str] = field(default_factory=dict)
+    by_hand: bool = False
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Return the manifest's entry about the labels' maker; empty without one."""
+        return {"labels": "imported by hand"} if self.by_hand else {}
+
+    def stated(self, frame: FrameLabels) -> FrameLabels:
+        """Return a frame, as corrected if its labels are automatic and the user states a person's work."""
+        return replace(frame, status="corrected") if self.by_hand and frame.status == "auto" else frame
 
 
 NOTHING_DECLARED = Declared()
@@ -164,7 +175,7 @@ def import_labels(
             )
         companion = _companion(source, FORMATS[name].companion(folder, declared.intrinsics), declared)
         companion.annotations = annotations
-        info = {"source": source.resolve().name, "steps": {"import": {"format": name}}}
+        info = {"source": source.resolve().name, "steps": {"import": {"format": name, **declared.origin}}}
         info |= cast_note(companion.cast) | scheme_note(companion.scheme)
         with appearing(out, MANIFEST, source, overwrite=overwrite) as made:
             labels = LabelSet.create(made, companion.intrinsics, info)
@@ -172,7 +183,7 @@ def import_labels(
             for frame in FORMATS[name].read(folder, companion):
                 if frame.frame_id in labels:
                     raise FormatError(f"{source} has two frames called {frame.frame_id[:100]!r}; rename one")
-                labels.write(frame)
+                labels.write(declared.stated(frame))
                 has_part |= bool((frame.parts != BACKGROUND).any())
                 advance(1)
             _check_parts(source, labels, has_part or (folder / COMPANION).is_file())

@@ -81,6 +81,9 @@ def import_(
         Path | None,
         Option("--map", help="File (TOML, JSON) of other programs' class names or ids and our parts."),
     ] = None,
+    by_hand: Annotated[
+        bool, Option("--by-hand", help="A person corrected all labels: automatic frames count as accepted.")
+    ] = False,
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -88,13 +91,13 @@ def import_(
     options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
     output = Output(out, overwrite, json)
     if out.suffix.lower() == ".mcap":
-        if scheme or map_:
-            raise BadParameter("--scheme and --map are for labels; name a folder as the output")
+        if scheme or map_ or by_hand:
+            raise BadParameter("--scheme, --map and --by-hand are for labels; name a folder as the output")
         _import_images(source, options, output)
         return
     if options != ImportOptions(intrinsics):
         raise BadParameter("--depth-unit to --axes are for recordings; name the output out.mcap")
-    _import_labels(source, _declared(intrinsics, scheme, map_), output)
+    _import_labels(source, replace(_declared(intrinsics, scheme, map_), by_hand=by_hand), output)
 
 
 def _declared(intrinsics: Path | None, scheme: str, map_: Path | None) -> "Declared":
