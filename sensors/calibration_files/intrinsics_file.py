@@ -61,6 +61,8 @@ def read_intrinsics(file: Path, shape: tuple[int, int] = (0, 0)) -> FoundIntrins
     data = read_bounded(file, MAX_CALIBRATION_BYTES, "give intrinsics", CalibrationError)
     try:
         found = _found(data.decode(json.detect_encoding(data), errors="replace"), shape)
+    except CalibrationError as error:
+        raise CalibrationError(f"{file}: {error}", *error.settings) from error
     except (TypeError, ValueError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         raise CalibrationError(f"{file} is malformed ({fault_of(error)}); correct the file") from error
     if found.unit_mm is not None and not 0 < found.unit_mm <= 1000:

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 from typing import BinaryIO
 
-from sensors.errors import CloudError
+from sensors.errors import CloudError, FormatError
 
 SUFFIX, PARTIAL = ".mcap", ".partial"
 PATIENCE_S, PAUSE_S = 1.0, 0.01  # a writer waits for programs that check the lock, between two tries; untuned
@@ -30,7 +30,12 @@ def final_of(path: Path) -> Path:
 
 
 def recording_at(path: Path) -> Path:
-    """Return the path, or its unfinished recording where only that exists."""
+    """Return the path, or its unfinished recording where only that exists.
+
+    Raises FormatError for pipes, which may block, and for devices, which may never end.
+    """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise FormatError(f"{path} is a pipe or a device; give a file or a folder")
     return partial_of(path) if not path.exists() and partial_of(path).is_file() else path
 
 
