@@ -65,7 +65,7 @@ def test_labels_of_other_images_are_refused(annotate_cloud, folder):
 def test_scores_on_people_that_trained_the_networks_have_a_note(rig_session, annotate_cloud):
     truth = rig_session.with_suffix(".truth")
     done = annotate_cloud("diff", truth, truth)
-    assert done.code == 0 and "cast 'judge'" in done.err and "second" not in done.err
+    assert done.code == 0 and "--cast judge" in done.err and "second" not in done.err
     notes = [
         known_people_note(Order(preset_named("people", cast), 1, 0).manifest()) for cast in (TRAINING, JUDGE)
     ]

@@ -195,7 +195,11 @@ def test_nothing_to_save_is_an_error(tmp_path, whole):
     high, first = regions(whole)["stored index"][0], chunks_of(whole)[0]
     nameless = bytearray(whole.read_bytes()[:high])
     nameless[first + 100] ^= 1
-    for data in (b"", b"junk" * 100, whole.read_bytes()[:300], bytes(10_000), bytes(nameless)):
+    spoiled = bytearray(whole.read_bytes())
+    for chunk in chunks_of(whole):
+        spoiled[chunk + 100] ^= 1
+    junk = (b"", b"junk" * 100, whole.read_bytes()[:300], bytes(10_000))
+    for data in (*junk, bytes(nameless), bytes(spoiled)):
         path.write_bytes(data)
         with pytest.raises(CloudError) as error:
             repair(path, out)

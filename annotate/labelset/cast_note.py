@@ -31,8 +31,8 @@ def known_people_note(info: Mapping[str, Any]) -> str:
     if not synthetic or cast_of(info) != TRAINING:
         return ""
     return (
-        "the truth shows the training cast, so scores of shipped networks are too good; make it of the "
-        "cast 'judge'"
+        "the truth shows the training cast, so scores of shipped networks are too good; make it by "
+        "simulate --cast judge or synth generate --cast judge"
     )
 
 

@@ -194,7 +194,7 @@ def compare(
         finish({"pairs": [one.to_json() for one in agreements]}, json, agreement_text(agreements))
         return
     if len(paths) != 2:
-        raise typer.BadParameter(f"{len(paths)} results are given; give two")
+        raise typer.BadParameter(f"the number of results is {len(paths)}; give two")
     from eval.compare.results import check_results, load_result
 
     check_results(*paths)

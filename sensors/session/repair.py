@@ -166,7 +166,7 @@ def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
         copier.finish(index)
     if not copier.frames:
         if not copier.nameless:
-            scan(file)  # raises the reason
+            _raise_damage(file)
         raise FormatError(
             f"{file.name}: no depth image can be saved, because the records that name the topics cannot be "
             "read; restore it from a copy"
@@ -177,6 +177,18 @@ def _rewrite(file: BinaryIO, temporary: Path, target: Path) -> Repaired:
         stated = frames
     lost_frames = None if stated is None else max(0, stated - frames)
     return Repaired(target, frames, lost_frames, losses.ns * 1e-9, losses.bytes, losses.places)
+
+
+def _raise_damage(file: BinaryIO) -> None:
+    """Raise FormatError with the first damage of a file, without the advice to repair the file."""
+    try:
+        scan(file)
+    except FormatError as error:
+        if error.__cause__ is None:
+            raise
+        raise FormatError(
+            f"{file.name}: no depth image can be saved ({error.__cause__}); restore it from a copy"
+        ) from error
 
 
 class Losses:
