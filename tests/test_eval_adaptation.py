@@ -290,7 +290,7 @@ def test_a_folder_inside_a_label_set_is_refused(tmp_path):
     path = written(tmp_path / "labels", COLOUR)
     done = CliRunner().invoke(app, ["adapt", str(path), "--out", str(path / "adapted")])
     assert isinstance(done.exception, ExistsError)
-    assert "is inside the label set" in str(done.exception) and not (path / "adapted").exists()
+    assert "is inside the input" in str(done.exception) and not (path / "adapted").exists()
 
 
 def test_outputs_are_apart_by_what_differs():

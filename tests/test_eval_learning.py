@@ -154,7 +154,7 @@ def test_a_network_is_not_written_into_its_label_set(annotate_cloud, tmp_path):
     before = tree(path)
     for verb in ("learn", "adapt"):
         refused = annotate_cloud(verb, path, "--out", path / "model")
-        assert_refused(refused, f"{path / 'model'} is inside the label set {path}; choose another folder")
+        assert_refused(refused, f"{path / 'model'} is inside the input {path}; choose another folder")
     assert tree(path) == before
 
 

@@ -21,7 +21,7 @@ from annotate.exchange.parquet import camera_of_parquet, is_parquet, read_parque
 from annotate.exchange.semantic_kitti import LABELS, SEQUENCE, read_kitti, write_kitti
 from annotate.exchange.unpacked import unpacked
 from annotate.frame_labels import FrameLabels
-from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.atomic_folder import appearing, check_outside
 from annotate.labelset.cast_note import cast_note, cast_of
 from annotate.labelset.label_set import MANIFEST, LabelSet
 from annotate.labelset.scheme_note import scheme_note
@@ -92,6 +92,7 @@ def export_labels(
         raise FormatError(f"format {name[:40]!r} is unknown; use {', '.join(FORMATS)}")
     if not len(labels):
         raise FormatError(f"{labels.path} holds no frames; label some first")
+    check_outside(out, labels.path)
     chosen, had, companion = FORMATS[name], set[str](), Companion(labels.intrinsics)
     companion.cast, companion.scheme = cast_of(labels.info), labels.scheme
 

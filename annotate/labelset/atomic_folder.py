@@ -23,6 +23,13 @@ def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
         pass
 
 
+def check_outside(out: Path, *labels: Path) -> None:
+    """Raise ExistsError where a result lies in a label set or a dataset."""
+    for path in labels:
+        if out.resolve().parent.is_relative_to(path.resolve()):
+            raise ExistsError(f"{out} is inside the input {path}; choose another folder")
+
+
 @contextmanager
 def claimed_to_replace(out: Path, marker: str, *inputs: Path) -> Iterator[None]:
     """Hold the claim (writer's lock) on a folder to be replaced. Raises as ``check_replaceable``."""

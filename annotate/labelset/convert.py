@@ -10,7 +10,7 @@ import numpy as np
 from annotate.array_types import UInt8
 from annotate.frame_labels import FrameLabels
 from annotate.labelset import dataset, label_set
-from annotate.labelset.atomic_folder import appearing
+from annotate.labelset.atomic_folder import appearing, check_outside
 from annotate.labelset.dataset import Dataset, encode_shard, read_shard, sha256
 from annotate.labelset.images import Probabilities
 from annotate.labelset.json_object import encode_object
@@ -36,6 +36,7 @@ def convert(
     be split, or where the journal is ahead of the labels; ExistsError where ``out`` exists, unless it is
     replaceable and ``overwrite`` is True.
     """
+    check_outside(out, frames.path)
     table = conversion_table(frames.scheme, scheme)
     if isinstance(frames, Dataset):
         return _convert_dataset(frames, scheme, out, advance, overwrite)

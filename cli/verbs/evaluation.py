@@ -258,7 +258,9 @@ def report(
         return
     notes, sets = note or [], shown or []
     if len(notes) > len(sets):
-        raise typer.BadParameter(f"{len(notes)} notes for {len(sets)} label sets; give --shown for each")
+        raise typer.BadParameter(
+            f"the number of notes is {len(notes)}, of --shown {len(sets)}; give --shown for each note"
+        )
     check_free(out, overwrite)
     given = [*results, *([ceiling] if ceiling else [])]
     check_there(*given, *sets)

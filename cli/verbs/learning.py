@@ -11,7 +11,7 @@ from typer import Argument, BadParameter, Option
 from cli.console import Json, Overwrite, check_room, clear, finish, progress, say
 from cli.durations import duration
 from cli.extras import check_extra, needing
-from sensors.errors import CloudError, ExistsError
+from sensors.errors import CloudError
 from sensors.files.atomic import check_there
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def learn(
     low priority on one core. A window that starts it takes over the new labels; close other windows of the
     set first.
     """
+    from annotate.labelset.atomic_folder import check_outside
     from annotate.labelset.label_set import LabelSet
 
     if undo:
@@ -60,7 +61,7 @@ def learn(
 
         from eval.fine_tuning.fine_tune import check_folder, fine_tune, fine_tuner_of
     check_folder(out)
-    _check_outside(out, labels)
+    check_outside(out, labels)
     os.nice(LOW)
     torch.set_num_threads(1)
     started = time.monotonic()
@@ -99,6 +100,8 @@ def adapt(
 
 def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool = False) -> "Adapted":
     """Fine-tune the depth network on label sets into the folder ``out``, with progress."""
+    from annotate.labelset.atomic_folder import check_outside
+
     check_extra("train", "torch", "onnx", "safetensors")
     with needing("train"):
         from eval.fine_tuning.adaptation.adapt import ORDER
@@ -106,17 +109,10 @@ def adapted(labels: Sequence[Path], out: Path, minutes: float, overwrite: bool =
         from eval.fine_tuning.adaptation.labelled_people import check_sets, taught_frames
     sets = [taught_frames(path) for path in labels]
     check_sets(sets)
-    _check_outside(out, *labels)
+    check_outside(out, *labels)
     check_room(out, ORDER, overwrite, *labels)
     clear(out, ORDER, overwrite, *labels)
     return run(sets, out, minutes, progress)
-
-
-def _check_outside(out: Path, *labels: Path) -> None:
-    """Raise ExistsError where a folder to write lies in a label set."""
-    for path in labels:
-        if out.resolve().is_relative_to(path.resolve()):
-            raise ExistsError(f"{out} is inside the label set {path}; choose another folder")
 
 
 def adapted_text(done: "Adapted") -> str:

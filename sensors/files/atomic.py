@@ -15,10 +15,10 @@ def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
     """Raise ExistsError where a result exists and ``overwrite`` is False, or where it is a folder and
     ``folder`` is False.
     """
-    if path.exists() and not overwrite:
-        raise ExistsError(f"{path} already exists; choose another name", Setting.OVERWRITE)
     if path.is_dir() and not folder:
         raise ExistsError(f"{path} is a folder; give the name of a file")
+    if path.exists() and not overwrite:
+        raise ExistsError(f"{path} already exists; choose another name", Setting.OVERWRITE)
 
 
 def is_taken(folder: Path) -> bool:

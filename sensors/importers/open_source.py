@@ -71,12 +71,14 @@ class Opener(NamedTuple):
     """Function that opens a source.
 
     own: True if the source itself applies the declared unit and intrinsics. topics: True if the source has
-    topics. whole: True if its cameras need no check, because this program recorded the session.
+    topics. axes: True if it is a cloud of points. whole: True if its cameras need no check, because this
+    program recorded the session.
     """
 
     read: "Callable[[], FrameSource]"
     own: bool = False
     topics: bool = False
+    axes: bool = False
     whole: bool = False
 
 
@@ -89,6 +91,8 @@ def open_source(path: Path, options: ImportOptions = AS_STATED) -> "FrameSource"
     opener = opener_at(path, options)
     if options.topics and not opener.topics:
         raise CloudError(f"{path} has no topics; leave the topic out", Setting.TOPIC)
+    if options.axes and not opener.axes:
+        raise CloudError(f"{path} is not a cloud of points; leave the axes out", Setting.AXES)
     source = opener.read()
     if options != AS_STATED:
         from sensors.importers.declared import Declared
@@ -210,7 +214,7 @@ def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     if suffix in CLOUDS:
         from sensors.importers.clouds.cloud_source import CloudFile
 
-        return Opener(partial(CloudFile, path, options), own=True)
+        return Opener(partial(CloudFile, path, options), own=True, axes=True)
     by_bytes = (text for at, magic, text in _FOREIGN_BYTES if head[at:].startswith(magic))
     if kind := next(by_bytes, None) or _FOREIGN_SUFFIXES.get(suffix):
         raise FormatError(f"{path} is of an unsupported kind: {kind}")

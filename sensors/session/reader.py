@@ -63,6 +63,8 @@ class Session(FrameSource):
 
     def __init__(self, path: Path) -> None:
         path = recording_at(path)
+        if path.is_dir():
+            raise FormatError(f"{path} is a folder; give a session's file")
         try:
             contents = read_contents(path)
         except CloudError as error:
