@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 Network: TypeAlias = "InferenceSession"
 SCHEME = "scheme"
 """Metadata entry of an ONNX file: its network's scheme as JSON. A file of ``paper`` has none."""
+REFINEMENT, WITHOUT = "refinement", "without"
+"""Metadata entry of a depth network whose labels are better without refinement, and its value."""
 _NOWHERE = "/dev/null/no-external-data"
 """Absent folder of external tensors, because the file's hash would not cover them."""
 

@@ -123,7 +123,7 @@ def test_a_damaged_marker_of_try_is_refused(annotate_cloud, rig_session, monkeyp
 GAIN = {"before": 0.5, "after": 0.6, "low": 0.0, "high": 0.1, "sure": 0.9, "share": 1.0}
 RESULT = {
     **{"weights": None, "frames": 3, "spans": 3, "held_out": "spans", "parts": GAIN, "joints": None},
-    **{"synthetic": [[0.8, 0.7], [0.8, 0.7]], "share": 1.0},
+    **{"synthetic": [[0.8, 0.7], [0.8, 0.7]], "share": 1.0, "predicted": None, "refined": True},
 }
 
 
@@ -146,6 +146,7 @@ def test_the_result_of_an_adaptation_is_read(tmp_path):
         *({"parts": None}, {"parts": GAIN | {"sure": float("nan")}}, {"parts": GAIN | {"before": "a"}}),
         *({"synthetic": [[1, 2, 3], [1, 2, 3]]}, {"synthetic": 5}, {"frames": 1e400}, {"share": []}),
         *({"weights": 5}, {"weights": "../weights.onnx"}, {"weights": ["weights.onnx"]}),
+        *({"refined": "no"}, {"refined": None}, {"predicted": 5}),
     ],
 )
 def test_a_damaged_result_of_an_adaptation_is_refused(tmp_path, change):

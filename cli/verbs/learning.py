@@ -120,7 +120,7 @@ def adapted_text(done: "Adapted") -> str:
     if done.weights is None:
         why = "no gain is certain" if done.gain.is_harmless else "a score falls"
         return f"{done.gain.text}; no network is written, because {why}; label more recordings"
-    return f"{done.gain.text}; use predict --weights {done.weights}"
+    return f"{done.gain.text}; use predict or live --weights {done.weights}"
 
 
 def _undo(labels: Path, json: bool) -> None:

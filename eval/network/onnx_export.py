@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from annotate.crop import SIZE
-from annotate.onnx_session import SCHEME
+from annotate.onnx_session import REFINEMENT, SCHEME, WITHOUT
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from annotate.scheme.scheme_file import scheme_to_fields
@@ -82,12 +82,22 @@ def export_network(
 
 def name_scheme(path: Path, scheme: Scheme) -> None:
     """Write the scheme of its classes into an ONNX file's metadata; a file of ``paper`` stays unchanged."""
+    if scheme != PAPER:
+        _add_metadata(path, {SCHEME: json.dumps(scheme_to_fields(scheme))})
+
+
+def leave_unrefined(path: Path) -> None:
+    """Write into an ONNX file's metadata that ``predict`` does not refine its labels by default."""
+    _add_metadata(path, {REFINEMENT: WITHOUT})
+
+
+def _add_metadata(path: Path, entries: dict[str, str]) -> None:
+    """Add entries to an ONNX file's metadata."""
     import onnx
 
-    if scheme == PAPER:
-        return
     model = onnx.load(path)
-    onnx.helper.set_model_props(model, {SCHEME: json.dumps(scheme_to_fields(scheme))})
+    known = {entry.key: entry.value for entry in model.metadata_props}
+    onnx.helper.set_model_props(model, known | entries)
     with replacing(path) as temporary:
         onnx.save(model, temporary)
 

@@ -14,7 +14,7 @@ from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.crop import SIZE, Crop, nearest_seen, network_crop, normalize
 from annotate.labelset.images import Probabilities
 from annotate.onnx_graph import with_outputs
-from annotate.onnx_session import onnx_session, scheme_in_metadata
+from annotate.onnx_session import REFINEMENT, WITHOUT, onnx_session, scheme_in_metadata
 from annotate.parts import PAPER
 from annotate.posture import POSTURES
 from annotate.scheme.scheme import BACKGROUND, Scheme
@@ -49,9 +49,10 @@ class OnnxNetwork(SchemeNetwork):
     the background first, then the parts by id. It may also give ``facing``, ``posture`` and ``joints`` as in
     `NetworkOutput`, and with these ``joint_sd`` and ``joint_state``, the latter as probabilities.
 
-    own: scheme of the classes, named in the file. A file that names none is of ``scheme`` where the number of
-    classes is the same, else of ``paper``. scheme: of the labels, ``own`` or by ``in_scheme``. Raises
-    FormatError for a file that is not such a network, or that keeps its tensors in further files.
+    unrefined: True for a file that names its labels better without refinement. own: scheme of the classes,
+    named in the file. A file that names none is of ``scheme`` where the number of classes is the same, else
+    of ``paper``. scheme: of the labels, ``own`` or by ``in_scheme``. Raises FormatError for a file that is
+    not such a network, or that keeps its tensors in further files.
     """
 
     def __init__(
@@ -114,7 +115,8 @@ class OnnxNetwork(SchemeNetwork):
         wanted = BODY_OUTPUTS | (JOINT_OUTPUTS if outputs >= set(JOINT_OUTPUTS) else {})
         self._body = list(wanted) if outputs >= set(BODY_OUTPUTS) else []
         self._input, self._float = depth.name, np.float16 if "float16" in depth.type else np.float32
-        named = scheme_in_metadata(self._session.get_modelmeta().custom_metadata_map)
+        metadata = self._session.get_modelmeta().custom_metadata_map
+        named, self.unrefined = scheme_in_metadata(metadata), metadata.get(REFINEMENT) == WITHOUT
         # The exporter names every scheme but ``paper``.
         self._kinds = Kinds.of(named or PAPER) if outputs == set(FACTORED) else None
         return named

@@ -8,6 +8,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from annotate.array_types import Bool
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, check_same, finished
 from annotate.labelset.cast_note import cast_note, cast_of
@@ -15,16 +18,20 @@ from annotate.labelset.claim import Claim, login
 from annotate.labelset.label_set import LabelSet
 from annotate.labelset.labelled_frames import LabelledFrames
 from annotate.labelset.scheme_note import scheme_note
+from annotate.person.planes import Plane
 from annotate.scheme.merging import converts
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.labels_of_frame import notes_of
 from annotate.segmentation.segmented_person import Segmentation
 from annotate.segmentation.suit_network import SuitNetwork
 from eval.network.body_state import BodyState
+from eval.network.finer_parts import in_finer_scheme
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.refine import camera_in, in_scheme, refine
+from eval.network.sure_parts import keep_sure_parts
 from sensors.errors import CloudError, FormatError
+from sensors.rig.camera import Intrinsics
 
 BATCH = 8  # frames through the network at once; larger batches gain nothing on a CPU (bench/predict.py)
 WRITERS = 4  # frames written at once, because each waits for the disk; untuned
@@ -117,6 +124,22 @@ class Networks:
     def after_room(self) -> Scheme:
         """Return the scheme of the labels after the refinement by the room."""
         return self.refiners[0].own if self.refiners else self.scheme
+
+    def refined_by_room(
+        self, camera: Intrinsics, first: FrameLabels, person: Bool, planes: tuple[Plane, ...] | None = None
+    ) -> FrameLabels:
+        """Return a frame's first labels in ``after_room``, refined where the frame shows a room around its
+        person (h, w); unchanged without ``room_refiner``.
+
+        planes: of the room; None = find them from depth.
+        """
+        room = self.room_refiner
+        if room is None:
+            return first
+        refined = first
+        if np.count_nonzero(first.depth_mm) > 2 * np.count_nonzero(person):
+            refined = keep_sure_parts(in_scheme(first, room.scheme), refine(camera, first, room, planes))
+        return in_finer_scheme(refined, first, self.after_room)
 
 
 def predict_frames(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from annotate.array_types import Bool, UInt16
+from annotate.array_types import Bool
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.label_recording import Run, run
@@ -15,15 +15,13 @@ from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from eval.network.body_state import BodyState
-from eval.network.finer_parts import in_finer_scheme
 from eval.network.joint_filter import filter_joints
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.predict import DEFAULT, Networks, PredictOptions
-from eval.network.refine import in_scheme, refine
+from eval.network.refine import refine
 from eval.network.side_smoothing import smooth_sides
 from eval.network.support import exclude_standing, floor_of, support_of
-from eval.network.sure_parts import keep_sure_parts
 from sensors.rig.frame import FrameSource
 from sensors.rig.rig_calibration import RigCalibration
 
@@ -87,12 +85,7 @@ class NetworkLabeller:
             persons=person.persons,
             scheme=found.scheme,
         )
-        refined, room_refiner = first, self.networks.room_refiner
-        if room_refiner and _shows_room(cloud.depth_mm, person.mask):
-            refined = refine(cloud.camera, first, room_refiner, planes)
-            refined = keep_sure_parts(in_scheme(first, room_refiner.scheme), refined)
-        if room_refiner:
-            refined = in_finer_scheme(refined, first, self.networks.after_room)
+        refined = self.networks.refined_by_room(cloud.camera, first, person.mask, planes)
         refined = reduce(partial(refine, cloud.camera, planes=planes), self.networks.refiners, refined)
         assert refined.confidence is not None and refined.persons is not None
         found = replace(found, parts=refined.parts, confidence=refined.confidence, scheme=refined.scheme)
@@ -157,11 +150,6 @@ class NetworkDetection:
         support = support_of(state.likeliest, parts, coarse.cloud.points_m, floor, result.scheme)
         state = replace(state, support=support).faced_by_joints(coarse.camera)
         return replace(result, bearing=state.note())
-
-
-def _shows_room(depth_mm: UInt16, person: Bool) -> bool:
-    """Return True if a depth image (h, w) shows a room around its person (h, w)."""
-    return int(np.count_nonzero(depth_mm)) > 2 * int(np.count_nonzero(person))
 
 
 def _without_things(found: Segmentation, person: PersonMask) -> tuple[Segmentation, PersonMask]:

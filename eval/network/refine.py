@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from annotate.array_types import Float32
+from annotate.array_types import Float32, UInt16
 from annotate.cloud.coarse import CoarseFuser
 from annotate.cloud.fuse import Fuser
 from annotate.cloud.thermal_cloud import ThermalCloud
@@ -61,6 +61,11 @@ def camera_in(labels: LabelledFrames, first: FrameLabels) -> Intrinsics:
     return pinhole_of(first, camera_of(labels, first))
 
 
+def planes_in(camera: Intrinsics, depth_mm: UInt16) -> tuple[Plane, ...]:
+    """Return the planes of the room in a depth image (h, w)."""
+    return find_planes(_fusers(camera)[1].fuse(depth_mm).cloud)
+
+
 def depth_view(
     first: FrameLabels,
     camera: Intrinsics,
@@ -76,11 +81,10 @@ def depth_view(
     mask = first.on_person & (first.depth_mm > 0)
     if not mask.any():
         return None
-    whole, coarse = _fusers(camera)
-    cloud = whole.fuse(first.depth_mm)
+    cloud = _fusers(camera)[0].fuse(first.depth_mm)
     persons = mask.astype(np.uint8) if first.persons is None else first.persons
     where, pixels_per_m = rectangle(cloud, mask)
-    planes = find_planes(coarse.fuse(first.depth_mm).cloud) if planes is None else planes
+    planes = planes_in(camera, first.depth_mm) if planes is None else planes
     room = DepthRoom(planes, cloud.temperature_c)
     seen = fitted_to(channels(cloud, room, PersonMask(mask, "depth", persons), where), scheme)
     seen = with_before(seen, first, where, scheme)

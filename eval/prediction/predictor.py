@@ -157,11 +157,14 @@ def as_scheme(scheme: Scheme | str | Path | None) -> Scheme | None:
 def labeller_of(scheme: Scheme | None, everybody: bool, weights: str | Path | None) -> NetworkLabeller:
     """Return the labeller of the command ``predict`` for recordings; arguments as in ``Predictor``.
 
-    The depth of the room refines the labels of one person, if the networks give the scheme.
+    The depth of the room refines the labels of one person, if the networks give the scheme. A network's file
+    may exclude refinement.
     """
     network = OnnxNetwork(Path(weights or SHIPPED_WEIGHTS), scheme=scheme if weights else None)
     alone = PredictOptions(everybody=everybody, scheme=scheme)
-    refined = replace(alone, room_refiner=None if everybody else shipped_refinement_network())
+    if everybody or network.unrefined:
+        return NetworkLabeller(network, alone)
+    refined = replace(alone, room_refiner=shipped_refinement_network())
     return NetworkLabeller(network, refined if fits(refined, network) else alone)
 
 

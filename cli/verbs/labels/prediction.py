@@ -19,6 +19,8 @@ from sensors.importers.open_source import doubts_of
 if TYPE_CHECKING:
     from annotate.label_recording import Run
     from annotate.labelset.labelled_frames import LabelledFrames
+    from eval.network.onnx_network import OnnxNetwork
+    from eval.network.predict import PredictOptions
     from sensors.importers.open_source import Source
 
 
@@ -54,7 +56,7 @@ class PredictChoices:
         from annotate.scheme.scheme_file import load_scheme
         from annotate.segmentation.suit_network import SuitNetwork
         from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
-        from eval.network.predict import PredictOptions, fits, predict_frames
+        from eval.network.predict import PredictOptions, predict_frames
         from eval.network.predict_source import predict_source
         from eval.network.refine import shipped_refinement_network
 
@@ -71,14 +73,22 @@ class PredictChoices:
         options = PredictOptions(
             self.probabilities, self.everybody, self.window_c, room, refiners, scheme=scheme
         )
-        if room and self.again is None and not fits(options, network):
-            say(
-                f"labels are not refined by the room: the refinement network does not fit a network of "
-                f"scheme {network.own.name!r} and labels of {(scheme or network.usual_scheme).name!r}"
-            )
+        if room and self.again is None and (why := self._why_unrefined(options, network)):
+            say(f"labels are not refined by the room: {why}")
             options = replace(options, room_refiner=None)
         options.chained(network)
         return partial(predict_source, opened, network, out, options=options)
+
+    def _why_unrefined(self, options: "PredictOptions", network: "OnnxNetwork") -> str:
+        """Return why the room refines no labels of a network by default; "" where it does."""
+        from eval.network.predict import fits
+
+        if network.unrefined:
+            return f"{self.weights} was measured to be better without; --again refines them"
+        if fits(options, network):
+            return ""
+        own, wanted = network.own.name, (options.scheme or network.usual_scheme).name
+        return f"the refinement network does not fit a network of scheme {own!r} and labels of {wanted!r}"
 
 
 def predict(

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import chain
+from itertools import chain, compress
 from pathlib import Path
 from typing import Any
 
@@ -18,19 +18,20 @@ from annotate.labelset.json_object import read_object
 from annotate.parts import PAPER
 from annotate.scheme.scheme import Scheme
 from eval.architecture.networks import NetworkConfig, scheme_of
-from eval.fine_tuning.adaptation.adaptation_gain import SHARES, AdaptationGain, adaptation_gain
+from eval.fine_tuning.adaptation.adaptation_gain import SHARES, AdaptationGain
 from eval.fine_tuning.adaptation.adaptation_split import AdaptationSplit, HeldOut, split_of
 from eval.fine_tuning.adaptation.adaptation_training import AdaptationTraining, trained, work_left
+from eval.fine_tuning.adaptation.judges import Judges
 from eval.fine_tuning.adaptation.labelled_people import (
     LabelledPerson,
     TaughtFrames,
     chosen_frames,
     people_in,
 )
-from eval.fine_tuning.adaptation.scores_on_crops import scores_on_crops
 from eval.fine_tuning.weights_between import between
-from eval.network.onnx_export import export_network
+from eval.network.onnx_export import export_network, leave_unrefined
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
+from eval.network.refine import SHIPPED_REFINEMENT_NETWORK
 from eval.network.weights_file import load_weights
 from eval.training.body_targets import body_targets
 from eval.training.calibration.calibrated_export import export_calibrated
@@ -130,15 +131,23 @@ def adapt(sets: Sequence[TaughtFrames], out: Path, minutes: float, progress: Pro
         left, unit = work_left(training, out / TRAINED)
         with progress(f"train, {unit}", left) as advance:
             last = trained(training, out / TRAINED, advance)
-        gain = measured(start, last, split, out / TRIAL, progress)
-        weights = out / WEIGHTS if gain.is_certain else None
-        if weights:
-            final = between(start.model, last, gain.share)
-            export_calibrated(final, start.config, start.scheme, split.left_out, weights)
-        done = Adapted(gain, weights)
-        fields = done.fields() | {"weights": WEIGHTS if weights else None}
+        judges = Judges(split, sets, list(compress(people, held.mask)))
+        gain = judges.gain_of(networks_between(start, last, out / TRIAL), progress)
+        done = Adapted(gain, out / WEIGHTS if gain.is_certain else None)
+        write(done, start, last, split.left_out)
+        fields = done.fields() | {"weights": WEIGHTS if done.weights else None}
         write_bytes(out / RECORD, (json.dumps(fields, indent=1) + "\n").encode())
     return done
+
+
+def write(done: Adapted, start: Start, last: nn.Module, left_out: Crops) -> None:
+    """Write the network of a result, if any. left_out: crops that it was not trained on."""
+    if done.weights is None:
+        return
+    final = between(start.model, last, done.gain.share)
+    export_calibrated(final, start.config, start.scheme, left_out, done.weights)
+    if not done.gain.refined:
+        leave_unrefined(done.weights)
 
 
 def order_of(sets: Sequence[TaughtFrames], minutes: float) -> str:
@@ -146,7 +155,8 @@ def order_of(sets: Sequence[TaughtFrames], minutes: float) -> str:
     paths = [taught.labels.path.resolve() for taught in sets]
     journals = [sha256(path / JOURNAL) if (path / JOURNAL).is_file() else None for path in paths]
     named = {"labels": list(map(str, paths)), "corrections": journals, "start": sha256(SHIPPED_WEIGHTS)}
-    return json.dumps({**named, "minutes": minutes}, indent=1) + "\n"
+    refinement = sha256(SHIPPED_REFINEMENT_NETWORK)
+    return json.dumps({**named, "refinement": refinement, "minutes": minutes}, indent=1) + "\n"
 
 
 def finished(out: Path, order: str) -> Adapted | None:
@@ -196,25 +206,14 @@ def prepared(
     return split_of(held, checked, crops)
 
 
-def measured(
-    start: Start, last: nn.Module, split: AdaptationSplit, trial: Path, progress: Progress
-) -> AdaptationGain:
-    """Return the gain of networks between start and last over the shipped one. trial: file for networks."""
-    held, checked = (split.crops.chosen(index) for index in (split.held, split.checked))
-
-    def networks() -> Iterator[OnnxNetwork]:
-        yield OnnxNetwork(start.shipped)
-        for share in SHARES:
-            export_network(between(start.model, last, share), trial, scheme=start.scheme)
-            yield OnnxNetwork(trial)
-
-    with progress("compare, images", (1 + len(SHARES)) * (len(held) + len(checked))) as advance:
-        found = [
-            [scores_on_crops(network.in_scheme(held.scheme), crops, advance) for crops in (held, checked)]
-            for network in networks()
-        ]
+def networks_between(start: Start, last: nn.Module, trial: Path) -> list[OnnxNetwork]:
+    """Return the shipped network, then networks between start and last by ``SHARES``. trial: their file."""
+    networks = [OnnxNetwork(start.shipped)]
+    for share in SHARES:
+        export_network(between(start.model, last, share), trial, scheme=start.scheme)
+        networks.append(OnnxNetwork(trial))
     trial.unlink()
-    return adaptation_gain(found, split)
+    return networks
 
 
 def _crops_of(rehearsed: Dataset) -> Iterator[tuple[UInt16, UInt8, Float32]]:

@@ -46,7 +46,7 @@ class LabelledPerson(NamedTuple):
     """Person of a frame: depth uint16 and parts uint8, both (212, 212), and the row of ``body_targets``.
 
     bodies: by ``eval.training.shared_bodies``. recording: index of the label set. place: of the frame in its
-    recording, 0 to 1.
+    recording, 0 to 1. number: of the person in the frame. outline: the detected pixels, as packed bits.
     """
 
     depth: UInt16
@@ -55,6 +55,18 @@ class LabelledPerson(NamedTuple):
     bodies: frozenset[str]
     recording: int
     place: float
+    frame_id: str = ""
+    number: int = 1
+    outline: UInt8 | None = None
+
+
+class PersonImage(NamedTuple):
+    """Image (h, w) of a labelled person: depth, detected outline, parts; other people are undefined."""
+
+    camera: Intrinsics
+    depth_mm: UInt16
+    mask: Bool
+    parts: UInt8
 
 
 class TaughtFrames(NamedTuple):
@@ -118,7 +130,19 @@ def people_in(taught: TaughtFrames, recording: int, frame_id: str) -> Iterator[L
         depth, parts = person_crop(frame.depth_mm, mask, named)
         row = targets_of(labels, frame, number, (camera, mask))
         packed = np.rint(depth * DEPTH_STEPS).astype(np.uint16)
-        yield LabelledPerson(packed, parts, row, bodies, recording, taught.places[frame_id])
+        place, outline = taught.places[frame_id], np.packbits(mask)
+        yield LabelledPerson(packed, parts, row, bodies, recording, place, frame_id, number, outline)
+
+
+def image_of(taught: TaughtFrames, person: LabelledPerson) -> PersonImage:
+    """Return the image of a person of a label set, from ``people_in``."""
+    labels, frame_id = taught.labels, person.frame_id
+    frame = _weighed(labels.read(frame_id), frame_id in taught.sure)
+    assert person.outline is not None
+    mask = np.unpackbits(person.outline, count=frame.parts.size).reshape(frame.parts.shape) > 0
+    other = frame.on_person & (frame.persons != person.number) if frame.persons is not None else False
+    parts = np.where(other, np.uint8(UNDEFINED), frame.parts)
+    return PersonImage(camera_in(labels, frame), frame.depth_mm, mask, parts)
 
 
 def _weighed(frame: FrameLabels, sure: bool) -> FrameLabels:
