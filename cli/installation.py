@@ -126,7 +126,7 @@ def compile_(json: Json = False) -> None:
     with needing("synth"):
         from synth.images import generate  # noqa: F401
         from synth.images.workers import processes
-    started, work = time.monotonic(), (_label, _generate, _solve)  # the longest first
+    started, work = time.monotonic(), (_label, _generate, _solve, _dress)  # the longest first
     with processes(2) as (pool, _), progress("compile", len(work)) as advance:
         for future in [pool.submit(each) for each in work]:
             future.result()
@@ -136,10 +136,15 @@ def compile_(json: Json = False) -> None:
 
 
 def _label() -> None:
-    """Label a recording of the virtual rig and compare it with the truth, to compile the kernels."""
+    """Label a recording of the virtual rig by suit and by network and compare, to compile the kernels."""
     from annotate.label_recording import SuitLabeller, label_source
     from annotate.labelset.label_set import LabelSet
+    from annotate.segmentation.suit_network import SuitNetwork
     from eval.compare.compare import compare_sets
+    from eval.network.onnx_network import OnnxNetwork
+    from eval.network.predict import PredictOptions
+    from eval.network.predict_source import predict_source
+    from eval.network.refine import SHIPPED_REFINEMENT_NETWORK
     from sensors.session.reader import Session
     from synth.rig.simulate import simulate, truth_path
     from synth.rig.virtual_rig import VirtualRig
@@ -150,6 +155,8 @@ def _label() -> None:
         labeller, out = SuitLabeller(rig.suit), Path(folder) / "labels"
         found = label_source(Session(path), labeller, out, lambda _: None).labels
         compare_sets(found, LabelSet.open(truth_path(path)))
+        options = PredictOptions(refiners=[SuitNetwork(SHIPPED_REFINEMENT_NETWORK)])
+        predict_source(Session(path), OnnxNetwork(), Path(folder) / "network", lambda _: None, options)
 
 
 def _generate() -> None:
@@ -186,3 +193,17 @@ def _solve() -> None:
     standing = Markers(places.names, positions, 100.0, "mm", Upward("z", GIVEN))
     motion = solve(standing, standing, places)
     Traces.of(flesh_of(shipped_bodies()[0]), motion.angles_rad, motion.pelvis_m)
+
+
+def _dress() -> None:
+    """Dress a person in a skirt, to compile the kernels."""
+    import numpy as np
+
+    from synth.body.body import shipped_bodies
+    from synth.clothes.attire import draw_attire
+    from synth.clothes.dress import dress_in
+
+    rng = np.random.default_rng(0)
+    while not (attire := draw_attire(rng)).skirt:
+        pass
+    dress_in(shipped_bodies()[0], attire, rng)

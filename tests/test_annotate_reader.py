@@ -75,7 +75,7 @@ def test_what_is_not_known_is_nothing_to_the_network(seed):
     planes = rng.integers(0, 256, (len(CHANNELS), 8, 8)).astype(np.uint8)
     planes[0], planes[1] = 0, 0
     planes[-len(LIKELIHOODS) + 2 :] = 0
-    assert not network_input(planes).any()
+    assert not network_input(planes, len(PAPER.parts)).any()
 
 
 def test_colour_moves_a_border_that_the_network_leaves_open():

@@ -18,6 +18,7 @@ from typer.main import get_command
 import cli.rig_devices
 import eval.fine_tuning.cross_validation
 import eval.fine_tuning.run
+import eval.fine_tuning.training_split
 import synth.images.workers
 import synth.rig.film
 import synth.rig.virtual_rig
@@ -149,6 +150,8 @@ def learn_a_little(labels: Path, monkeypatch) -> None:
             correction.edit(frame_id).judge("accept")
     monkeypatch.setattr(os, "nice", lambda by: 0)
     monkeypatch.setattr(eval.fine_tuning.run, "MOST_STEPS", 1)
+    monkeypatch.setattr(eval.fine_tuning.training_split, "FOLDS", 2)
+    monkeypatch.setattr(eval.fine_tuning.cross_validation, "SHARES", (1.0,))
     monkeypatch.setattr(eval.fine_tuning.cross_validation.Gain, "is_certain", True)
 
 

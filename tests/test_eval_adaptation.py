@@ -247,7 +247,9 @@ def small(monkeypatch, tmp_path) -> Path:
     monkeypatch.setattr(adaptation, "preset_named", lambda name, cast: people)
     monkeypatch.setattr(adaptation, "IMAGES", 5)
     recipe = ModernRecipe(4, 1e-2, averaged=0.9, coarse=0.0)
-    monkeypatch.setattr(adaptation, "planned", lambda config, minutes: Plan(config, recipe, epochs=8))
+    monkeypatch.setattr(adaptation, "planned", lambda config, minutes: Plan(config, recipe, epochs=5))
+    for module in (adaptation, adaptation_gain):
+        monkeypatch.setattr(module, "SHARES", (1.0,))
     monkeypatch.setattr(workers, "processes", here)
     torch.set_num_threads(1)
     return shipped

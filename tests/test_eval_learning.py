@@ -21,8 +21,8 @@ from annotate.labelset.label_set import LabelSet
 from annotate.labelset.scheme_note import scheme_note
 from annotate.parts import BACKGROUND, UNDEFINED
 from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN
+from eval.fine_tuning import cross_validation, run, training_split
 from eval.fine_tuning import fine_tune as tuning
-from eval.fine_tuning import run
 from eval.fine_tuning.by_depth import DepthFineTuner, depth_example
 from eval.fine_tuning.cross_validation import SHARES, Gain, gain_of
 from eval.fine_tuning.rehearsal import rehearsed_frames
@@ -243,6 +243,8 @@ def test_an_interrupted_run_ends_with_the_same_network(corrected, few_steps, tmp
     monkeypatch.setattr(run, "STEPS_EACH", 1)
     monkeypatch.setattr(train, "CHECKPOINT_S", 0.0)
     monkeypatch.setattr(Gain, "is_certain", True)
+    monkeypatch.setattr(training_split, "FOLDS", 2)
+    monkeypatch.setattr(cross_validation, "SHARES", (1.0,))
     done = tuning.fine_tune(corrected, tmp_path / "model", tuner(corrected), silent)
     seen = 0
 

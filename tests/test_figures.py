@@ -213,7 +213,15 @@ def test_a_person_has_no_interval_and_people_without_an_error_have_the_rule_of_t
 def images(tmp_path_factory):
     """Judging images of several people; the shipped network's counts, twice, and with 1 % of wrong pixels."""
 
-    class Worse(OnnxNetwork):
+    seen = {}
+
+    class Remembering(OnnxNetwork):
+        def outputs(self, depth):
+            if (key := depth.tobytes()) not in seen:
+                seen[key] = super().outputs(depth)
+            return seen[key]
+
+    class Worse(Remembering):
         def outputs(self, depth):
             planes, *rest = super().outputs(depth)
             rng = np.random.default_rng(3)
@@ -228,7 +236,7 @@ def images(tmp_path_factory):
     preset = replace(preset_named("sitting-test", "judge"), each=2)
     with network.ThreadPoolExecutor(1) as thread:
         generate(Order(preset, 32, 7), out, network.Workers(thread, 1), lambda n: None)
-    networks = OnnxNetwork(), OnnxNetwork(), Worse()
+    networks = OnnxNetwork(), Remembering(), Worse()
     return [measured(one.in_scheme(PAPER), out)["all"] for one in networks]
 
 

@@ -10,7 +10,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from annotate.parts import LEFT_RIGHT, N_CLASSES, UNDEFINED, swap_left_right
+from annotate.parts import LEFT_RIGHT, N_CLASSES, PAPER, UNDEFINED, swap_left_right
 from annotate.segmentation.input_channels import CHANNELS, FELT, SEEN, SUBJECT, VALID, network_input
 from annotate.segmentation.suit_network import (
     SHIPPED_SUIT_NETWORK,
@@ -157,7 +157,7 @@ def trained_network(seed: int) -> SuitNet:
 def chances(network, planes, temperature=1.0):
     """Probabilities (13, h, w) by a network in torch."""
     with torch.no_grad():
-        scores = network(torch.from_numpy(network_input(planes)[None]))[0]
+        scores = network(torch.from_numpy(network_input(planes, len(PAPER.parts))[None]))[0]
     return torch.softmax(scores / temperature, 0).numpy()
 
 
@@ -296,7 +296,7 @@ def test_a_shipped_network_labels_a_frame_of_the_rig_as_in_full_precision(shippe
 def test_quantisation_leaves_the_named_layers_and_refuses_unknown_names(tmp_path):
     export_suit_network(trained_network(1), tmp_path / "w.onnx")
     planes = example(np.random.default_rng(5), 48, 64).planes
-    inputs = [{"channels": network_input(planes)[None]}]
+    inputs = [{"channels": network_input(planes, len(PAPER.parts))[None]}]
     quantise(tmp_path / "w.onnx", inputs, tmp_path / "few.onnx", ["leave"])
     full, few = (SuitNetwork(tmp_path / name).probabilities(planes, 1) for name in ("w.onnx", "few.onnx"))
     assert 0 < np.abs(full - few).mean() < 0.02

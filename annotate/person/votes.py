@@ -33,8 +33,8 @@ class Voters(NamedTuple):
     odds: Float32
 
     def chosen(self, index: slice | Index | Bool) -> "Voters":
-        """Return the voters at an index."""
-        return Voters(*(values[index] for values in self))
+        """Return the voters at an index, as contiguous arrays, for which the kernels are compiled."""
+        return Voters(*(np.ascontiguousarray(values[index]) for values in self))
 
 
 def persons_by_votes(voters: Voters, least_odds: float = KEPT_ODDS) -> tuple[UInt8, list[Evidence]]:
@@ -107,13 +107,16 @@ def _join(votes: Float32, points: Float32, person: Index) -> None:
     Gain: errors of two peaks apart less their error together, by pixel of the smaller peak.
     """
     sizes = np.bincount(person)
-    errors = np.array([_error(votes, points, person, (i, i)) for i in range(len(sizes))])
+    error = np.zeros((len(sizes), len(sizes)))  # of two peaks together, of one on the diagonal
+    for j in range(len(sizes)):
+        for i in range(j + 1):
+            error[i, j] = _error(votes, points, person, (i, j))
     while True:
         best, pair = LEAST_GAIN, (-1, -1)
         for j in range(len(sizes)):
             for i in range(j):
                 if sizes[i] > 0 and sizes[j] > 0:
-                    less = errors[i] + errors[j] - _error(votes, points, person, (i, j))
+                    less = error[i, i] + error[j, j] - error[i, j]
                     if less > best * min(sizes[i], sizes[j]):
                         best, pair = less / min(sizes[i], sizes[j]), (i, j)
         i, j = pair
@@ -121,7 +124,9 @@ def _join(votes: Float32, points: Float32, person: Index) -> None:
             return
         person[person == j] = i
         sizes[i], sizes[j] = sizes[i] + sizes[j], 0
-        errors[i] = _error(votes, points, person, (i, i))
+        for k in range(len(sizes)):
+            if sizes[k] > 0:
+                error[min(i, k), max(i, k)] = _error(votes, points, person, (min(i, k), max(i, k)))
 
 
 @njit(cache=True, nogil=True)

@@ -252,12 +252,12 @@ def write_one_hot(made: Float32, v: int, row: tuple[UInt8, UInt8], bits: tuple[i
 
 
 @njit(cache=True, nogil=True)
-def network_input(planes: UInt8, parts: int = -1) -> Float32:
+def network_input(planes: UInt8, parts: int) -> Float32:
     """Return the network's input float32 (m, h, w) for channels (n, h, w); flags and parts become one-hot
     planes.
 
-    parts: number of parts of the scheme, things included; -1 = without things. Unknown values are 0:
-    temperature without a reading, unreadable colour.
+    parts: number of parts of the scheme, things included. Unknown values are 0: temperature without a
+    reading, unreadable colour.
     """
     count, height, width = planes.shape
     low, high = LOG_LIKELIHOOD
@@ -266,7 +266,6 @@ def network_input(planes: UInt8, parts: int = -1) -> Float32:
     # The flag that makes each channel of ``RANGES`` valid.
     needed = (VALID, VALID, VALID, FELT, FELT, SEEN, SEEN, SEEN, SEEN)
     of_parts = 4 + len(needed)
-    parts = count - of_parts if parts < 0 else parts
     first, unit = len(bits) + parts, np.float32(1 / 64)
     made = np.zeros((first + count - 2, height, width), np.float32)
     flags, row, read = np.empty(width, np.uint8), np.empty(width, np.uint8), np.empty(width, np.uint8)

@@ -61,7 +61,9 @@ class Traces(NamedTuple):
     @staticmethod
     def of(flesh: Flesh, angles_rad: Float64, pelvis_m: Float64) -> "Traces":
         """Return the traces of a motion's angles (F, J, 3) and pelvis (F, 3) on a body."""
-        return Traces(*_trace(flesh, angles_rad, pelvis_m), flesh.radii_m)
+        # The kernel is compiled for contiguous arrays.
+        traced = _trace(flesh, np.ascontiguousarray(angles_rad), np.ascontiguousarray(pelvis_m))
+        return Traces(*traced, flesh.radii_m)
 
 
 @dataclass(frozen=True, eq=False)

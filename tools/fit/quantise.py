@@ -15,6 +15,7 @@ from onnxruntime.quantization import CalibrationDataReader, QuantFormat, QuantTy
 from onnxruntime.quantization.shape_inference import quant_pre_process
 
 from annotate.array_types import Float32
+from annotate.parts import PAPER
 from annotate.segmentation.input_channels import network_input
 from annotate.segmentation.segment import SAMPLE_M
 from annotate.segmentation.split_network import INPUT
@@ -78,7 +79,12 @@ def main() -> None:
     full, out, *paths = map(Path, sys.argv[1:])
     examples = ExampleFiles(paths)
     samples = (sample_as_labelled(examples[i], SAMPLE_M) for i in examples.spread(CALIBRATED_ON))
-    quantise(full, ({INPUT: network_input(sample.planes)[None]} for sample in samples), out, EXACT)
+    quantise(
+        full,
+        ({INPUT: network_input(sample.planes, len(PAPER.parts))[None]} for sample in samples),
+        out,
+        EXACT,
+    )
 
 
 if __name__ == "__main__":
