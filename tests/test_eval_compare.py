@@ -105,7 +105,7 @@ def test_blocks_change_no_number(compared: Comparison, monkeypatch: pytest.Monke
     one = replace(compared, subjects=("anna",) * 6)
     whole = [(c.to_evaluation_json(), details(c)) for c in (compared, one)]
     monkeypatch.setattr(counts, "BLOCK", 2)
-    monkeypatch.setattr(intervals, "AT_ONCE", 20)
+    monkeypatch.setattr(intervals, "AT_ONCE", 2000)
     again = [replace(c) for c in (compared, one)]
     assert [(c.to_evaluation_json(), details(c)) for c in again] == whole
 

@@ -20,6 +20,7 @@ from sensors.errors import CloudError
 from sensors.importers.open_source import open_source
 from synth.images.generate import Order, generate
 from synth.images.presets import preset_named
+from tests.helpers.real_takes import first_frames
 from tools.figures import network, run
 from tools.figures import table as measuring
 from tools.figures.figure import Figure, average, median, moved, of_values, over_people, ratio
@@ -267,7 +268,7 @@ def test_a_posture_counts_where_another_was_possible(images):
 
 @pytest.mark.skipif(not real_people.PEOPLE.is_dir(), reason="recordings of real people are absent")
 def test_real_people_are_counted_as_their_own_score_does(tmp_path):
-    take, net = real_people.PEOPLE / "takes" / "a22_s1_t1", OnnxNetwork()
+    take, net = first_frames(real_people.PEOPLE / "takes" / "a22_s1_t1", tmp_path), OnnxNetwork()
     found = real_people.measure_people(take, net)
     labels = predict_source(open_source(take), net, tmp_path / "p", lambda n: None).labels
     command = [sys.executable, real_people.PEOPLE / "score.py", labels.path, take]

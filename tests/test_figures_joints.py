@@ -15,6 +15,7 @@ from eval.scores.joint_visibility import HIDDEN, OUTSIDE, VISIBLE
 from eval.scores.joints import JOINT, N_JOINTS
 from sensors.importers.open_source import open_source
 from tests.helpers import naive_joints
+from tests.helpers.real_takes import first_frames
 from tools.figures import joints, network, rig
 from tools.figures.table import Kind
 from tools.figures.tables import TABLES
@@ -77,7 +78,7 @@ def test_an_offset_is_of_the_other_people_and_no_person_tunes_his_own():
 
 @pytest.mark.skipif(not real_people.PEOPLE.is_dir(), reason="recordings of real people are absent")
 def test_joints_of_a_real_person_by_plain_loops(tmp_path):
-    take, net = real_people.PEOPLE / "takes" / "a24_s3_t1", OnnxNetwork()
+    take, net = first_frames(real_people.PEOPLE / "takes" / "a24_s3_t1", tmp_path), OnnxNetwork()
     found = joints.of_people(real_people.measure_people(take, net))
     labels = predict_source(open_source(take), net, tmp_path / "p", lambda n: None).labels
     camera = json.loads((take / "intrinsics.json").read_text())
