@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from fcntl import LOCK_EX, flock
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,8 @@ import annotate.onnx_session
 import annotate.person.finder
 import annotate.segmentation.suit_network
 import eval.network.onnx_network
+import synth.rig.film
+import synth.rig.virtual_rig
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
@@ -31,7 +33,7 @@ from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
 from synth.rig.simulate import simulate
-from synth.rig.virtual_rig import VirtualRig
+from synth.rig.virtual_rig import RigOptions, VirtualRig
 
 settings.register_profile("tests", max_examples=40, deadline=None)
 settings.load_profile("tests")
@@ -110,6 +112,13 @@ def shot_before(rig_session, monkeypatch) -> None:
     """Let virtual rigs show the frames of ``rig_session`` at once, for tests of files."""
     shot = pickle.loads(rig_session.with_suffix(".shot").read_bytes())
     monkeypatch.setattr(VirtualRig, "with_truth", lambda rig: iter(shot[: rig.frames]))
+
+
+@pytest.fixture
+def draft_rigs(monkeypatch) -> None:
+    """Let commands simulate rigs with small colour images, in half the time."""
+    for module in (synth.rig.virtual_rig, synth.rig.film):
+        monkeypatch.setattr(module, "RigOptions", partial(RigOptions, draft=True))
 
 
 @pytest.fixture(scope="session")

@@ -41,6 +41,7 @@ def half_corrupt(tmp_path, rig_session) -> Path:
     return path
 
 
+@pytest.mark.usefixtures("draft_rigs")
 def test_simulate_records_and_is_the_same_for_the_same_seed(annotate_cloud, tmp_path):
     done = [
         annotate_cloud("simulate", tmp_path / d / "s.mcap", "--frames", 1, "--seed", 3, "--json")
@@ -53,6 +54,7 @@ def test_simulate_records_and_is_the_same_for_the_same_seed(annotate_cloud, tmp_
     assert {p.name for p in (tmp_path / "a").iterdir()} == {"s.mcap", "s.truth", "s.suit.toml"}
 
 
+@pytest.mark.usefixtures("draft_rigs")
 def test_simulate_dresses_people_in_the_suit_given(annotate_cloud, tmp_path):
     drawn, given = tmp_path / "drawn.mcap", tmp_path / "given.mcap"
     annotate_cloud("simulate", drawn, "--frames", 1, "--suit", "random", "--difficulty", "clean", "--seed", 3)

@@ -8,7 +8,6 @@ import shutil
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,15 +19,12 @@ import eval.fine_tuning.cross_validation
 import eval.fine_tuning.run
 import eval.fine_tuning.training_split
 import synth.images.workers
-import synth.rig.film
-import synth.rig.virtual_rig
 from annotate.correction.correction import Correction
 from cli.main import app
 from eval.training.segmentation.augmentation import Sampling
 from sensors.session.reader import Session
 from synth.images.workers import Workers
 from synth.rig.simulate import suit_path, truth_path
-from synth.rig.virtual_rig import RigOptions
 
 ROOT = Path(__file__).parent.parent
 PAGES = ["README.md", *(f"docs/{p.name}" for p in sorted((ROOT / "docs").glob("*.md")))]
@@ -166,6 +162,7 @@ def made() -> dict[tuple[str, ...], Path]:
     return {}
 
 
+@pytest.mark.usefixtures("draft_rigs")
 @pytest.mark.parametrize("page", [page for page in PAGES if any(not left_out(c) for c in commands_of(page))])
 def test_the_commands_of_a_page_run_in_order(
     page, tmp_path, tmp_path_factory, rig_session, my_folder, annotate_cloud, made, monkeypatch
@@ -175,8 +172,6 @@ def test_the_commands_of_a_page_run_in_order(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("eval.training.segmentation.train.SAMPLING", Sampling(0.012, 32))
     monkeypatch.setattr(cli.rig_devices, "VIRTUAL_FRAMES", 3)
-    for module in (synth.rig.virtual_rig, synth.rig.film):
-        monkeypatch.setattr(module, "RigOptions", partial(RigOptions, draft=True))
     if page != "docs/cluster.md":
         monkeypatch.setattr(synth.images.workers, "processes", here)
     for command in commands_of(page):

@@ -51,7 +51,7 @@ def test_a_frame_is_the_same_in_any_order(tmp_path, name):
 @pytest.mark.usefixtures("shot_before")
 def test_frames_of_simulated_rigs_too():
     assert_random_access(VirtualRig(3, 2, "clean", 5))
-    assert_random_access(PlateViews(template_named("kinect2-optris"), 3, 0, bad_share=0.4))
+    assert_random_access(PlateViews(template_named("kinect2-optris"), 2, 0, bad_share=0.4))
 
 
 def test_a_frame_that_cannot_be_read_leaves_the_next_ones():

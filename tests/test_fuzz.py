@@ -1,5 +1,6 @@
 """Files from outside with any content are read, or refused in one line."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,14 +15,16 @@ law = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck
 
 
 @pytest.fixture(scope="module", params=READERS)
-def sample(request, tmp_path_factory) -> Sample:
-    return Sample(READERS[request.param], tmp_path_factory.mktemp("sample"))
+def sample(request, tmp_path_factory) -> Iterator[Sample]:
+    sample = Sample(READERS[request.param], tmp_path_factory.mktemp("sample"))
+    assert not sample.fault({})
+    yield sample
+    assert not sample.fault({}), "damaged files spoilt the reader"
 
 
 @given(data=st.data(), piece=st.binary(max_size=300))
 @law
 def test_any_bytes_and_a_damaged_file_are_read_or_refused_in_one_line(sample, data, piece):
-    assert not sample.fault({})
     path = data.draw(st.sampled_from(sorted(sample.files)))
     whole = sample.files[path]
     begin, end = sorted(data.draw(st.tuples(*[st.integers(0, len(whole))] * 2)))
