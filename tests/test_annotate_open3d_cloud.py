@@ -13,7 +13,12 @@ from sensors.errors import CloudError, FormatError
 
 FIELDS = ("depth_mm", "points_m", "color_rgb", "color_valid", "temperature_c")
 CLOUD = Fuser(CALIBRATION).fuse(*random_scene(3))
-o3d = pytest.importorskip("open3d")
+
+
+@pytest.fixture(autouse=True)
+def o3d():
+    """Return Open3D, imported by the first test that needs it, because the import takes seconds."""
+    return pytest.importorskip("open3d")
 
 
 def assert_same(cloud, other):
@@ -22,7 +27,7 @@ def assert_same(cloud, other):
 
 
 @pytest.mark.parametrize("share", [0, 0.3, 1])
-def test_a_selection_comes_back_to_its_pixels(share):
+def test_a_selection_comes_back_to_its_pixels(o3d, share):
     cloud = CLOUD.to_open3d()
     chosen = np.random.default_rng(1).permutation(len(cloud.point.pixel))[: int(share * CLOUD.valid.sum())]
     back = ThermalCloud.from_open3d(cloud.select_by_index(o3d.core.Tensor(chosen)), CLOUD.camera)
@@ -57,7 +62,7 @@ def test_a_plane_of_open3d_is_a_plane_of_pixels():
     np.testing.assert_array_equal(wall.valid, cloud.depth_mm == 2000)
 
 
-def test_foreign_clouds_are_refused():
+def test_foreign_clouds_are_refused(o3d):
     cloud = CLOUD.to_open3d()
     with pytest.raises(FormatError, match="exceed"):
         ThermalCloud.from_open3d(cloud, replace(CLOUD.camera, width=100))

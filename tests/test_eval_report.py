@@ -38,7 +38,7 @@ from eval.report.gather import Material, Sources, gather
 from eval.report.page import render, sections, write_report
 from eval.report.training_history import load_training
 from sensors.errors import CloudError, ExistsError, FormatError
-from tests.helpers.browser import CHROMIUM, Browser
+from tests.helpers.browser import Browser, chromium
 from tests.helpers.report_doll import (
     CAMERA,
     HOSTILE,
@@ -245,7 +245,7 @@ def test_absent_scores_are_left_out(compared: Comparison) -> None:
 
 
 def test_a_browser_draws_every_figure_and_asks_for_nothing(page: str, tmp_path: Path) -> None:
-    if CHROMIUM is None:
+    if chromium() is None:
         pytest.skip("needs chromium")
     (tmp_path / "report.html").write_text(page)
     browser = Browser(tmp_path / "profile")

@@ -5,6 +5,7 @@ import json
 import os
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,12 @@ def _answers(path: str) -> bool:
     return subprocess.run([path, "--version"], capture_output=True, check=False).returncode == 0
 
 
-CHROMIUM = next((path for name in NAMES if (path := shutil.which(name)) and _answers(path)), None)
+@cache
+def chromium() -> str | None:
+    """Return the path of the browser, None where there is none."""
+    return next((path for name in NAMES if (path := shutil.which(name)) and _answers(path)), None)
+
+
 # Software rendering draws 3D without a graphics card.
 _FLAGS = ("--headless", "--no-sandbox", "--hide-scrollbars", "--use-angle=swiftshader",
           "--enable-unsafe-swiftshader", "--remote-debugging-pipe")  # fmt: skip
@@ -27,7 +33,7 @@ class Browser:
 
     def __init__(self, profile: Path) -> None:
         (theirs, self._down), (self._up, answers) = os.pipe(), os.pipe()
-        command = [CHROMIUM, *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
+        command = [chromium(), *_FLAGS, f"--user-data-dir={profile}", "about:blank"]
         # The browser reads its orders from descriptor 3 and answers on 4.
         line = ["bash", "-c", f'exec "$@" 3<&{theirs} 4>&{answers}', "-", *command]
         self._process = subprocess.Popen(line, pass_fds=(theirs, answers), stderr=subprocess.DEVNULL)
