@@ -19,12 +19,15 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+import annotate.correction.select
 import annotate.onnx_session
 import annotate.person.finder
 import annotate.segmentation.suit_network
 import eval.network.onnx_network
 import synth.rig.film
 import synth.rig.virtual_rig
+from annotate.array_types import Float32, UInt8
+from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
@@ -67,6 +70,23 @@ def networks_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patched:
         for module in (annotate.person.finder, annotate.segmentation.suit_network, eval.network.onnx_network):
             patched.setattr(module, "onnx_session", kept)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def supervoxels_once() -> Iterator[None]:
+    """Compute the supervoxels of a frame once, because many windows open the same frames."""
+    found: dict[tuple[object, ...], Supervoxels] = {}
+
+    def kept(points_m: Float32, colors_rgb: UInt8, **options: float) -> Supervoxels:
+        digests = (hashlib.sha256(array.tobytes()).digest() for array in (points_m, colors_rgb))
+        key = (*digests, *sorted(options.items()))
+        if key not in found:
+            found[key] = supervoxels(points_m, colors_rgb, **options)
+        return found[key]
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(annotate.correction.select, "supervoxels", kept)
         yield
 
 

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from sensors.errors import LONGEST, CalibrationError, DeviceError, FormatError, one_line
+from sensors.files.atomic import write_bytes
 from sensors.files.bounded import read_bounded, read_toml
 from sensors.files.jpeg import is_lossless, mirrored_jpeg
 from sensors.files.npz import array_sizes, load_arrays
@@ -65,6 +66,14 @@ def test_files_are_read_whole_up_to_their_bound(tmp_path, name, limit, says):
     with pytest.raises(CalibrationError) as error:
         read_bounded(tmp_path / name, limit, "split it", CalibrationError)
     assert says in str(error.value) and str(error.value).endswith("; split it")
+
+
+def test_bytes_are_on_the_disk_before_the_file_gets_its_name(tmp_path, monkeypatch):
+    done, replace = [], Path.replace
+    monkeypatch.setattr(os, "fsync", lambda file: done.append(os.fstat(file).st_size))
+    monkeypatch.setattr(Path, "replace", lambda path, to: done.append(to.name) or replace(path, to))
+    write_bytes(tmp_path / "a", b"four")
+    assert done == [4, "a"] and (tmp_path / "a").read_bytes() == b"four"
 
 
 def test_arrays_are_unpacked_up_to_their_bound(tmp_path):
