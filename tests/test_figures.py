@@ -236,7 +236,7 @@ def images(tmp_path_factory):
     out = tmp_path_factory.mktemp("images") / "d"
     preset = replace(preset_named("sitting-test", "judge"), each=2)
     with network.ThreadPoolExecutor(1) as thread:
-        generate(Order(preset, 32, 7), out, network.Workers(thread, 1), lambda n: None)
+        generate(Order(preset, 20, 7), out, network.Workers(thread, 1), lambda n: None)
     networks = OnnxNetwork(), Remembering(), Worse()
     return [measured(one.in_scheme(PAPER), out)["all"] for one in networks]
 
