@@ -21,17 +21,17 @@ from hypothesis import settings
 
 import annotate.correction.select
 import annotate.onnx_session
-import annotate.person.finder
-import annotate.segmentation.suit_network
-import eval.network.onnx_network
 import synth.rig.film
 import synth.rig.virtual_rig
 from annotate.array_types import Float32, UInt8
 from annotate.cloud.supervoxels import Supervoxels, supervoxels
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.labelset.label_set import LabelSet
+from annotate.person.detection import finder_network, verifier
+from annotate.segmentation import suit_network
 from annotate.suit.palette import DEFAULT_SUIT
 from cli.main import main
+from eval.network import onnx_network
 from sensors.rig.frame import RigFrame
 from sensors.session.reader import Session
 from sensors.session.writer import SessionWriter
@@ -68,7 +68,7 @@ def networks_once() -> Iterator[None]:
     """Prepare each network for computation once, however often tests load its file."""
     kept = lru_cache(maxsize=8)(annotate.onnx_session.onnx_session)
     with pytest.MonkeyPatch.context() as patched:
-        for module in (annotate.person.finder, annotate.segmentation.suit_network, eval.network.onnx_network):
+        for module in (finder_network, verifier, suit_network, onnx_network):
             patched.setattr(module, "onnx_session", kept)
         yield
 

@@ -8,10 +8,11 @@ import pytest
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.person import finder
+from annotate.person.detection import finder
+from annotate.person.detection.finder_network import DEPTH_INPUTS, _network, network_input, odds_and_votes
+from annotate.person.detection.odds import KEPT_ODDS, Evidence
+from annotate.person.detection.votes import Voters, grouped
 from annotate.person.extract import PersonDetection
-from annotate.person.odds import Evidence
-from annotate.person.votes import Voters, persons_by_votes
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
 from synth.rig.virtual_rig import RigOptions, VirtualRig
@@ -57,8 +58,10 @@ def test_two_who_stand_side_by_side_are_two(apart, is_felt):
 def test_an_image_and_its_mirror_image_have_the_same_odds_and_votes_turned():
     depth, whose = seen([(1, -0.3), (2, 0.4)])
     points, felt = np.nan_to_num(cloud_of(depth).points_m), (whose > 0).astype(np.float32)
-    odds, votes = finder._found(points, felt)
-    other_odds, other_votes = finder._found(points[:, ::-1] * np.array([-1, 1, 1], np.float32), felt[:, ::-1])
+    odds, votes = odds_and_votes(points, felt)
+    other_odds, other_votes = odds_and_votes(
+        points[:, ::-1] * np.array([-1, 1, 1], np.float32), felt[:, ::-1]
+    )
     np.testing.assert_allclose(other_odds[:, ::-1], odds, atol=1e-5)
     # Of two columns side by side the left one votes.
     away = np.abs(other_votes[:, ::-1] * (-1, 1, 1) - votes)[odds[::2, ::2] > 0]
@@ -116,6 +119,13 @@ def voters_of(votes, points, odds=5.0):
     return Voters(votes.astype(np.float32), points.astype(np.float32), equal, odds * equal / 0.001)
 
 
+def persons_by_votes(voters, least_odds=KEPT_ODDS):
+    """Person numbers (n,) of voters, and the persons' evidence."""
+    groups = grouped(voters)
+    kept = [k for k, evidence in enumerate(groups.evidence) if evidence.odds >= least_odds]
+    return groups.assigned(voters.votes_m, kept), [groups.evidence[k] for k in kept]
+
+
 def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
     rng = np.random.default_rng(0)
     middles = np.repeat([(-0.2, 0, 2), (0.2, 0, 2), (-0.6, 0, 2), (9, 9, 9)], (300, 300, 1, 1), axis=0)
@@ -130,6 +140,8 @@ def test_votes_for_two_middles_are_two_persons_and_stray_ones_the_nearer_ones():
 def test_a_detection_is_the_likelier_a_person_the_surer_its_pixels_and_the_larger_it_is():
     known = Evidence(3.0, 0.3)
     assert known._replace(mean_odds=4.0).odds > known.odds > known._replace(area_m2=0.1).odds
+    rated = [known._replace(shape_odds=odds).odds for odds in (-4.0, 0.0, 4.0)]
+    assert rated == sorted(rated) and rated[2] - rated[0] > 2
 
 
 def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
@@ -148,10 +160,10 @@ def test_a_limb_a_metre_nearer_whose_votes_fall_short_belongs_to_the_trunk():
 
 def test_without_temperatures_fewer_inputs_give_the_same_result():
     depth, _ = seen([(1, 0.0)])
-    given = finder.network_input(depth.astype(np.float32) / 1000, np.full(depth.shape, np.nan, np.float32))
-    assert not given[finder.DEPTH_INPUTS :].any() and given[: finder.DEPTH_INPUTS].any(axis=(1, 2)).all()
+    given = network_input(depth.astype(np.float32) / 1000, np.full(depth.shape, np.nan, np.float32))
+    assert not given[DEPTH_INPUTS:].any() and given[:DEPTH_INPUTS].any(axis=(1, 2)).all()
     given = given[None, :, :64, :64]
-    fewer = finder._network(is_felt=False).run(None, {"image": given[:, : finder.DEPTH_INPUTS]})[0]
-    every = finder._network(is_felt=True).run(None, {"image": given})[0]
+    fewer = _network(is_felt=False).run(None, {"image": given[:, :DEPTH_INPUTS]})[0]
+    every = _network(is_felt=True).run(None, {"image": given})[0]
     np.testing.assert_allclose(fewer, every, atol=1e-5)
     assert np.ptp(every) > 1

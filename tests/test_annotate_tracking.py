@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from annotate.person.finder import Person
-from annotate.person.odds import LIKELY_ODDS, SURE_ODDS, Evidence
+from annotate.person.detection.finder import Person
+from annotate.person.detection.odds import LIKELY_ODDS, SURE_ODDS, Evidence
 from annotate.person.tracking import LOST_S, MOST_PERSONS, Sightings, Track, Tracks, assigned
 
 

@@ -4,15 +4,13 @@ from itertools import islice
 
 import cv2
 import numpy as np
+import pytest
 import torch
 from scipy.spatial import cKDTree
 
 from annotate.onnx_session import onnx_session
-from annotate.person.finder import FOCAL_PX
+from annotate.person.detection.finder_network import FOCAL_PX
 from eval.training.finder import stored
-from eval.training.finder.close_rooms import close_scenes
-from eval.training.finder.floor_plan import FloorPlan
-from eval.training.finder.gathering import gather
 from eval.training.finder.images import (
     FIRST_THING,
     HEIGHT,
@@ -20,6 +18,7 @@ from eval.training.finder.images import (
     SceneImages,
     _cut_out,
     _votes,
+    _weights,
     draw_batch,
 )
 from eval.training.finder.network import (
@@ -30,11 +29,17 @@ from eval.training.finder.network import (
     export_finder,
     load_finder,
 )
-from eval.training.finder.panes import wandering
-from eval.training.finder.scenes import room_scenes
 from eval.training.finder.stored import load_scenes, store_scenes
 from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
+from eval.training.rooms.close_rooms import close_scenes
+from eval.training.rooms.empty_rooms import empty_scenes
+from eval.training.rooms.floor_plan import FloorPlan
+from eval.training.rooms.gathering import gather
+from eval.training.rooms.panes import wandering
+from eval.training.rooms.scenes import room_scenes
+from eval.training.rooms.soft import cloth, hung
 from synth.body.crowd import crowd
+from synth.cameras.random_sensor import KINDS
 from synth.clothes.dress import naked
 from synth.data_files import TRAINING
 from synth.surface.rasterize import box
@@ -66,6 +71,34 @@ def test_close_rooms_have_near_things_and_most_have_no_person():
     assert any(one.persons.any() for one in scenes)
     assert all(one.things[one.persons > 0].max(initial=0) == 0 for one in scenes)
     assert sum(one.things.any() for one in scenes) >= 0.8 * len(scenes)
+
+
+def test_empty_rooms_have_nobody_and_all_sensors():
+    scenes = [scene for seed in (1, 2) for scene in empty_scenes(seed)]
+    assert not any(scene.persons.any() or scene.whole_px for scene in scenes)
+    assert len({scene.sensor for scene in scenes}) >= len(KINDS) - 1
+    again = next(empty_scenes(1))
+    assert np.array_equal(again.depth_mm, scenes[0].depth_mm)
+
+
+def test_a_cloth_lies_on_its_place_and_hangs_before_its_plane():
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        lying, hanging = cloth(rng, np.array([1.0, 2.0, 0.5])), hung(rng, np.array([1.0, 2.0, 1.0]))
+        low, high = lying.vertices_m.min(axis=0), lying.vertices_m.max(axis=0)
+        assert low[2] == pytest.approx(0.5, abs=1e-5) and 0.51 < high[2] < 1.1
+        assert np.allclose((low + high)[:2] / 2, (1, 2), atol=1e-4) and (high - low)[:2].max() < 2.1
+        assert np.ptp(hanging.vertices_m[:, 2]) > np.ptp(hanging.vertices_m[:, 1]) * 0.5
+        assert hanging.vertices_m[:, 1].mean() < 2
+
+
+def test_a_small_persons_pixels_weigh_more_and_missing_ones_nothing():
+    persons = np.zeros((HEIGHT, WIDTH), np.uint8)
+    persons[:20, :10], persons[50:150, 50:100] = 1, 2
+    depth = np.full(persons.shape, 2.0, np.float32)
+    depth[-5:] = 0
+    weights = _weights(depth, persons)
+    assert weights[0, 0] > weights[100, 70] > weights[180, 200] == 1 and not weights[-5:].any()
 
 
 def test_things_are_cut_out_without_people():

@@ -14,7 +14,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.suit.palette import DEFAULT_SUIT
 from eval.fine_tuning.training_split import FOLDS, CorrectedFrame, folds
 from eval.training.crops import load_crops
-from eval.training.finder.scenes import room_scenes
+from eval.training.rooms.scenes import room_scenes
 from eval.training.segmentation import scenes
 from eval.training.segmentation.scenes import FIRST_SUIT, training_rig
 from eval.training.shared_bodies import BODIES, HELD_OUT, bodies_in

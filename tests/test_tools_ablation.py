@@ -12,7 +12,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.label_recording import SuitLabeller, label_source
 from annotate.parts import N_CLASSES
 from annotate.person import extract
-from annotate.person.finder import find_people
+from annotate.person.detection.finder import find_people
 from annotate.person.planes import Plane
 from annotate.segmentation.input_channels import CHANNELS
 from annotate.segmentation.labels_of_frame import labels_of

@@ -5,7 +5,7 @@ from itertools import islice
 
 import numpy as np
 
-from eval.training.finder.walkers import walking_scenes
+from eval.training.rooms.walkers import walking_scenes
 from synth.data_files import TRAINING
 from tools.tracks.crossings import Paths, crossings, tally
 

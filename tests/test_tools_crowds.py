@@ -5,10 +5,11 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from eval.training.finder.scenes import Scene
+from eval.training.rooms.empty_rooms import ROOMS, empty_rooms
+from eval.training.rooms.scenes import Scene
 from sensors.rig.camera import Intrinsics
 from synth.data_files import TRAINING
-from tools.finder.empty_rooms import COLUMNS, ROOMS, empty_scenes, row
+from tools.finder.empty_rooms import COLUMNS, row
 from tools.measure.crowds import tally
 
 CAMERA = Intrinsics(300, 100, 200.0, 200.0, 149.5, 49.5)
@@ -44,7 +45,7 @@ def test_an_empty_image_is_haunted_by_any_detection():
 
 @pytest.mark.parametrize("kind", ROOMS)
 def test_empty_rooms_have_no_person_and_one_kind_of_sensor(kind):
-    scenes, again = (list(islice(empty_scenes(kind, "lidar", 5, TRAINING), 2)) for _ in range(2))
+    scenes, again = (list(islice(empty_rooms(kind, "lidar", 5, TRAINING), 2)) for _ in range(2))
     assert not any(scene.persons.any() or scene.whole_px for scene in scenes)
     assert {scene.sensor for scene in scenes} == {"lidar"}
     assert all(np.array_equal(a.depth_mm, b.depth_mm) for a, b in zip(scenes, again, strict=True))

@@ -15,8 +15,8 @@ from annotate.array_types import Bool, Float32, UInt8
 from annotate.cloud.coarse import CoarseCloud
 from annotate.frame_labels import FrameLabels
 from annotate.person.alignment import contrasts, degrees, is_warmer, misplacement_px
-from annotate.person.finder import find_people
-from annotate.person.odds import LIKELY_ODDS
+from annotate.person.detection.finder import find_people
+from annotate.person.detection.odds import LIKELY_ODDS
 from annotate.person.planes import TOLERANCE, Plane, distance_m, find_planes
 from annotate.person.subject import cloths_shown, crowd_warnings, cut_warnings, subject_score
 from annotate.person.tracking import Sightings, Tracks

@@ -10,7 +10,7 @@ import numpy as np
 from annotate.array_types import Bool, Float64, UInt8
 from annotate.cloud.thermal_cloud import ThermalCloud
 from annotate.frame_labels import FrameLabels
-from annotate.person.finder import Person
+from annotate.person.detection.finder import Person
 from annotate.suit.color_model import STRAY, blur, evenly, fit_illuminant, readable
 from annotate.suit.palette import Suit, chromaticity
 

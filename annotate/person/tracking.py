@@ -14,9 +14,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from annotate.array_types import Float64
-from annotate.person.finder import Person
-from annotate.person.odds import LIKELY_ODDS, SURE_ODDS
-from annotate.person.votes import MOST_PERSONS
+from annotate.person.detection.finder import Person
+from annotate.person.detection.odds import LIKELY_ODDS, SURE_ODDS
+from annotate.person.detection.votes import MOST_PERSONS
 
 LOST_S = 2.0
 USUAL_S = 1 / 30  # between frames without times

@@ -113,6 +113,14 @@ def export_any_size(network: nn.Module, path: Path, channels: int, multiple: int
     _write(network.eval(), example, path, axes, torch.onnx.TrainingMode.PRESERVE)
 
 
+def export_crops(network: nn.Module, path: Path, example: Tensor, names: list[str]) -> None:
+    """Write a network for any number of crops as in ``example`` (n, C, h, w).
+
+    names: of the input and the output.
+    """
+    _write(network.eval(), example, path, {name: {0: "n"} for name in names})
+
+
 def _write(
     network: nn.Module,
     example: Tensor,

@@ -1,44 +1,30 @@
 """Phantoms in rooms without people: ``python -m tools.finder.empty_rooms SEED [FRAMES]``.
 
 SEED: of the rooms. FRAMES: for each kind of room and sensor, default 100. ``--cast judge`` draws the judging
-cast's furniture. ``eval.training.finder.scenes`` draws the random rooms. Close rooms have walls and things
+cast's furniture. Close rooms have walls and things
 within a metre or so of a low camera. A phantom is a person that `detected` finds in a single frame.
 """
 
 import argparse
-from collections.abc import Iterator
 from functools import partial
 from itertools import product
 
 import numpy as np
 
 from annotate.array_types import Int64
-from eval.training.finder.close_rooms import close_room
-from eval.training.finder.scenes import Scene, room
-from synth.cameras.random_sensor import KINDS, draw_sensor
+from eval.training.rooms.empty_rooms import ROOMS, empty_rooms
+from synth.cameras.random_sensor import KINDS
 from synth.data_files import CASTS, TRAINING, Cast
 from synth.images.workers import processes
-from synth.random_stream import stream
 from tools.figures.pages import markdown
 from tools.measure.crowds import detected
 
-ROOMS = ("random", "close")
 COLUMNS = ("room", "sensor", "frames", "with phantoms", "phantoms per 1,000 frames", "standard error")
-
-
-def empty_scenes(kind: str, sensor: str, seed: int, cast: Cast) -> Iterator[Scene]:
-    """Yield empty rooms of one of ``ROOMS`` as a kind of sensor measures them, without end."""
-    number = 0
-    while True:
-        rng = stream(seed, f"{kind} {sensor}", number)
-        drawn = draw_sensor(rng, sensor)
-        yield close_room(rng, drawn, None, cast) if kind == "close" else room(rng, drawn, [], cast)
-        number += 1
 
 
 def phantoms(seed: int, frames: int, cast: Cast, kind_and_sensor: tuple[str, str]) -> Int64:
     """Return the number of phantoms of each frame (n,)."""
-    scenes = zip(range(frames), empty_scenes(*kind_and_sensor, seed, cast), strict=False)
+    scenes = zip(range(frames), empty_rooms(*kind_and_sensor, seed, cast), strict=False)
     found = [np.unique(persons[persons > 0]).size for persons in (detected(scene) for _, scene in scenes)]
     return np.array(found, np.int64)
 

@@ -1,4 +1,4 @@
-"""Train the person finder: python -m tools.fit.finder FOLDER OUT.onnx [--start annotate/person/finder.onnx].
+"""Train the person finder: ``python -m tools.fit.finder FOLDER OUT.onnx [--start FINDER.onnx]``.
 
 FOLDER keeps the rendered scenes, and OUT.safetensors the checkpoint: the same command resumes an interrupted
 run. The training takes the GPU if any, and all scenes in FOLDER.
@@ -21,7 +21,7 @@ def main() -> None:
     torch.set_num_threads(given.threads)
     cv2.setNumThreads(given.threads)
     given.folder.mkdir(parents=True, exist_ok=True)
-    counts = {"close": given.close, "room": given.rooms, "rig": given.rigs}
+    counts = {"close": given.close, "room": given.rooms, "rig": given.rigs, "empty": given.empty}
     store_scenes(given.folder, counts, given.seed_from, given.workers)
     if given.render_only:
         return
@@ -38,6 +38,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--rigs", type=int, default=120, help="recordings of the rig, 32 frames each")
     parser.add_argument("--rooms", type=int, default=120, help="groups of 10 random rooms")
     parser.add_argument("--close", type=int, default=120, help="groups of 10 close rooms")
+    parser.add_argument("--empty", type=int, default=0, help="groups of 10 empty rooms, for the second stage")
     parser.add_argument("--seed-from", type=int, default=1, help="first seed of each kind of scene")
     parser.add_argument("--render-only", action="store_true", help="render missing scenes, do not train")
     parser.add_argument("--start", type=Path, help="ONNX file of the first weights; default: random ones")

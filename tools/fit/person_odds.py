@@ -1,15 +1,17 @@
 """Fit the odds of detected persons: ``python -m tools.fit.person_odds SEED ROOMS``.
 
-SEED: of the first of ROOMS groups of ten random rooms, training cast, which the finder has not seen. A
-detection is a person if half of it shows one person, and none if less than a fifth shows people; others are
-left out. Every fourth group is held out: the tool prints what it gains there, fits on all and writes
-annotate/person/odds.json.
+SEED: of the first of ROOMS groups of ten random and ten close rooms, training cast, which the finder and the
+verifier have not seen. A detection is a person as in ``eval.training.finder.verification_examples``. Every
+fourth group is held out: the tool prints what it gains there, fits on all and writes odds.json, one model for
+each number of stages.
 """
 
 import json
 import sys
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 from scipy.optimize import minimize
@@ -17,25 +19,28 @@ from scipy.optimize import minimize
 from annotate.array_types import Bool, Float64
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.person.finder import find_people
-from annotate.person.odds import FEATURES, LIKELY_ODDS, SURE_ODDS
-from eval.training.finder.scenes import Scene, room_scenes
+from annotate.person.detection.finder import find_people
+from annotate.person.detection.odds import FEATURES, LIKELY_ODDS, ONE_STAGE, SURE_ODDS, TWO_STAGES, Evidence
+from eval.training.finder.verification_examples import is_person
+from eval.training.rooms.close_rooms import close_scenes
+from eval.training.rooms.scenes import Scene, room_scenes
 from sensors.rig.rig_calibration import RigCalibration
 
-OUT = Path(__file__).resolve().parents[2] / "annotate" / "person" / "odds.json"
-OF_ONE, OF_ANY = 0.5, 0.2  # shares of a detection: least on one person, most on people of a false one
+OUT = Path(__file__).resolve().parents[2] / "annotate" / "person" / "detection" / "odds.json"
+Row: TypeAlias = tuple[Evidence, bool, int]
+"""Evidence for a detection, whether it is a person, and its group."""
 SHRINK = 1e-3  # weight of the squared weights in the loss; untuned
 
 
-def examples(scene: Scene) -> Iterator[tuple[Float64, bool]]:
-    """Yield the features (F,) of each detection in a scene and whether it is a person."""
+def examples(scene: Scene) -> Iterator[tuple[Evidence, bool]]:
+    """Yield the evidence for each detection in a scene and whether it is a person."""
     cloud = CoarseCloud.of(Fuser(RigCalibration(scene.camera)).fuse(scene.depth_mm))
     unfelt = np.full(cloud.cloud.depth_mm.shape, np.nan, np.float32)
     persons = np.where(cloud.pixel >= 0, scene.persons.ravel()[cloud.pixel], np.uint8(0))
     for person in find_people(cloud.cloud, unfelt, least_odds=-np.inf):
-        shares = np.bincount(persons[person.mask], minlength=2)[1:] / np.count_nonzero(person.mask)
-        if shares.max() >= OF_ONE or shares.sum() < OF_ANY:
-            yield person.evidence.features, bool(shares.max() >= OF_ONE)
+        truth = is_person(person.mask, persons)
+        if truth is not None:
+            yield person.evidence, truth
 
 
 def fitted(features: Float64, is_person: Bool) -> Float64:
@@ -70,14 +75,24 @@ def main() -> None:
     rows = [
         (*example, group)
         for group in range(rooms)
-        for scene in room_scenes(seed + group)
+        for scene in chain(room_scenes(seed + group), close_scenes(seed + group))
         for example in examples(scene)
     ]
-    features, is_person, group = (np.array(column) for column in zip(*rows, strict=True))
-    held = group % 4 == 0
-    print(scores(features[held] @ fitted(features[~held], is_person[~held]), is_person[held]))
-    weights = fitted(features, is_person).round(4).tolist()
-    OUT.write_text(json.dumps(dict(zip(FEATURES, weights, strict=True)), indent=1) + "\n")
+    models: dict[str, list[Row]] = {
+        ONE_STAGE: [(evidence._replace(shape_odds=None), truth, group) for evidence, truth, group in rows],
+        TWO_STAGES: [row for row in rows if row[0].shape_odds is not None],
+    }
+    written = {name: dict(zip(FEATURES, model(chosen), strict=False)) for name, chosen in models.items()}
+    OUT.write_text(json.dumps(written, indent=1) + "\n")
+
+
+def model(rows: list[Row]) -> list[float]:
+    """Print the held-out scores of a model; return its weights (F,)."""
+    evidence, truths, group = zip(*rows, strict=True)
+    features, truth = np.stack([one.features for one in evidence]), np.array(truths)
+    held = np.array(group) % 4 == 0
+    print(scores(features[held] @ fitted(features[~held], truth[~held]), truth[held]))
+    return [round(float(weight), 4) for weight in fitted(features, truth)]
 
 
 if __name__ == "__main__":

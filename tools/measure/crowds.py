@@ -19,7 +19,7 @@ from annotate.array_types import UInt8
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.person.extract import PersonDetection
-from eval.training.finder.scenes import Scene, room_scenes
+from eval.training.rooms.scenes import Scene, room_scenes
 from sensors.rig.rig_calibration import RigCalibration
 from synth.data_files import CASTS, TRAINING, Cast
 from tools.figures.pages import markdown

@@ -1,6 +1,6 @@
 """Track ids of people who walk past one another: ``python -m tools.tracks.crossings SEED [RECORDINGS]``.
 
-SEED: of the recordings (`eval.training.finder.walkers`). RECORDINGS: number, default 20. ``--cast judge``
+SEED: of the recordings (`eval.training.rooms.walkers`). RECORDINGS: number, default 20. ``--cast judge``
 draws the judging cast. Crossing: two people change their order from left to right. The id of each is kept if
 it is the same, most of the time, in the second before and in the two seconds after. Return: a person is found
 again after 0.3 to 2 seconds; the id is kept if it is the same. Flash, phantom: false detections of one frame,
@@ -19,8 +19,8 @@ from annotate.array_types import Bool, Float64, Int64, UInt8
 from annotate.cloud.coarse import CoarseCloud, CoarseFuser
 from annotate.frame_labels import FrameLabels
 from annotate.person.extract import PersonDetection
-from eval.training.finder.scenes import Scene
-from eval.training.finder.walkers import FRAMES_PER_SECOND, walking_scenes
+from eval.training.rooms.scenes import Scene
+from eval.training.rooms.walkers import FRAMES_PER_SECOND, walking_scenes
 from sensors.rig.frame import RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from synth.data_files import CASTS, TRAINING, Cast

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from annotate.array_types import Bool, Float32, UInt8, UInt16
-from annotate.person.finder import FOCAL_PX, network_input
+from annotate.person.detection.finder_network import FOCAL_PX, network_input
 from eval.training.finder.warm import degraded_warmth, random_warmth
 
 HEIGHT, WIDTH = 192, 256  # of a training image
@@ -22,6 +22,11 @@ THING_ALONE, LEAST_THING_PX = (
 )  # share of cut-outs with a thing in place of the people; its least pixels
 FIRST_THING = 32  # number of a thing's surface, less 1; people have lower ones
 NEARER, MOST_NEARER = 0.4, 0.9  # share of images from nearer, and the largest log factor
+PERSON_WEIGHT = 0.5  # extra weight of a person's pixels in the loss
+USUAL_PX, MOST_MORE = (
+    2000.0,
+    4.0,
+)  # pixels below which the extra weight grows by their root; its largest factor
 FEELABLE = 0.6  # share of rooms with random warmth; the others have none
 
 Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
@@ -32,32 +37,35 @@ Surfaces: number of a person from 1 on, of a thing from ``FIRST_THING`` on, 0 = 
 
 
 class SceneImages(NamedTuple):
-    """Stored training images of the virtual rig, of random rooms and of close rooms."""
+    """Stored training images of the virtual rig, of random rooms, of close rooms and of empty rooms."""
 
     rig: list[Image]
     rooms: list[Image]
     close: list[Image] = []  # noqa: RUF012
+    empty: list[Image] = []  # noqa: RUF012
 
     def in_turn(self) -> list[list[Image]]:
-        """Return the kinds in the order in which a batch takes them; kinds without images are left out."""
-        return [kind for kind in (self.rig, self.rooms, self.close, self.rooms) if kind]
+        """Return the kinds in the order in which the finder's batch takes them; kinds without images are left
+        out.
+        """
+        return [kind for kind in (self.rig, self.rooms, self.rig, self.close, self.rig, self.rooms) if kind]
 
 
 class Batch(NamedTuple):
     """Images of one training step.
 
-    inputs: (B, 24, h / 2, w / 2). person, known: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), vectors
-    to the middle of the person, for every second pixel.
+    inputs: (B, 24, h / 2, w / 2). person: (B, h, w), 0 or 1. votes: (B, 3, h / 2, w / 2), vectors to the
+    middle of the person, for every second pixel. weight: (B, h, w), of a pixel in the loss; 0 = no reading.
     """
 
     inputs: Float32
     person: Float32
     votes: Float32
-    known: Float32
+    weight: Float32
 
 
 def draw_batch(images: SceneImages, size: int, rng: np.random.Generator) -> Batch:
-    """Return a batch of random, augmented images: rig, room, close room, room and so on."""
+    """Return a batch of random, augmented images, half of them of the rig, else it forgets beds."""
     kinds = images.in_turn()
     drawn = (kinds[i % len(kinds)] for i in range(size))
     made = [_example(kind[int(rng.integers(len(kind)))], rng) for kind in drawn]
@@ -70,12 +78,33 @@ def _example(image: Image, rng: np.random.Generator) -> Batch:
     warmth = felt.astype(np.float32)
     if not np.isfinite(warmth).any() and rng.random() < FEELABLE:
         warmth = random_warmth(depth_mm, _persons(whose), rng)
-    depth, warmth, whose = _moved(depth_mm, warmth, whose, rng)
-    depth = _worn(_cut(depth, whose, rng), rng)
-    persons = np.where(depth > 0, _persons(whose), np.uint8(0))
+    depth, persons, warmth = _augmented(depth_mm, warmth, whose, rng)
     votes = _votes(depth[::2, ::2], persons[::2, ::2])
     inputs = network_input(depth, degraded_warmth(warmth, rng))
-    return Batch(inputs, (persons > 0).astype(np.float32), votes, (depth > 0).astype(np.float32))
+    return Batch(inputs, (persons > 0).astype(np.float32), votes, _weights(depth, persons))
+
+
+def _augmented(
+    depth_mm: UInt16, warmth: Float32, whose: UInt8, rng: np.random.Generator
+) -> tuple[Float32, UInt8, Float32]:
+    """Return depth in metres, persons and warmth (h, w), moved, cut and worn at random."""
+    depth, warmth, whose = _moved(depth_mm, warmth, whose, rng)
+    depth = _worn(_cut(depth, whose, rng), rng)
+    return depth, np.where(depth > 0, _persons(whose), np.uint8(0)), warmth
+
+
+def augmented_depth(image: Image, rng: np.random.Generator) -> tuple[Float32, UInt8]:
+    """Return an augmented image's depth in metres and its persons (h, w), 0 = none."""
+    depth_mm, felt, whose = image
+    return _augmented(depth_mm, felt.astype(np.float32), whose, rng)[:2]
+
+
+def _weights(depth: Float32, persons: UInt8) -> Float32:
+    """Return the weight (h, w) of pixels in the loss; a small person's pixels weigh more."""
+    pixels = np.bincount(persons.ravel(), minlength=1)
+    more = PERSON_WEIGHT * np.sqrt(USUAL_PX / np.maximum(pixels, 1)).clip(1, MOST_MORE)
+    more[0] = 0
+    return np.where(depth > 0, 1 + more[persons], 0).astype(np.float32)
 
 
 def _persons(whose: UInt8) -> UInt8:

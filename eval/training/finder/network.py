@@ -12,7 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.utils.data import DataLoader, Dataset
 
-from annotate.person.finder import MULTIPLE
+from annotate.person.detection.finder_network import MULTIPLE
 from eval.architecture.blocks import convolution
 from eval.network.onnx_export import export_any_size, halve_onnx
 from eval.training.finder.images import SceneImages, draw_batch
@@ -25,7 +25,6 @@ INPUTS, FINE = 24, 16  # channels of the input, and of the layers at half of the
 WIDTHS = (16, 32, 48, 80, 112)  # channels at a quarter, an eighth and so on of the image's sides
 BATCH, RATE, AVERAGED = 16, 2e-3, 0.998
 AHEAD = 4  # batches that a worker draws in advance
-PERSON_WEIGHT = 0.5  # extra weight of a person's pixels
 OVERLAP_WEIGHT, VOTE_WEIGHT = 0.5, 0.4  # of the losses by overlap and by votes
 
 
@@ -46,7 +45,7 @@ class FinderNet(nn.Module):
         self.down = nn.ModuleList(
             nn.Sequential(convolution(a, b, stride=2), convolution(b, b)) for a, b in steps
         )
-        self.more = nn.ModuleList(map(_Residual, deeper[:-1]))
+        self.more = nn.ModuleList(map(Residual, deeper[:-1]))
         self.deep = nn.Sequential(convolution(WIDTHS[-1], WIDTHS[-1]), convolution(WIDTHS[-1], WIDTHS[-1]))
         back = list(zip(WIDTHS[::-1], WIDTHS[-2::-1], strict=False))
         self.across = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in back)
@@ -71,7 +70,7 @@ class FinderNet(nn.Module):
         return torch.cat([rim + coarse[:, :1], coarse[:, 1:]], dim=1)
 
 
-class _Residual(nn.Module):
+class Residual(nn.Module):
     """Two layers whose output is added to their input."""
 
     def __init__(self, channels: int) -> None:
@@ -94,7 +93,7 @@ class TensorBatch(NamedTuple):
     inputs: Tensor
     person: Tensor
     votes: Tensor
-    known: Tensor
+    weight: Tensor
 
 
 @dataclass(frozen=True)
@@ -147,13 +146,14 @@ class FinderTraining:
     def loss(self, network: nn.Module, batch: TensorBatch, share: float) -> tuple[Tensor, float]:
         """Return the loss of the log odds, by pixels and by overlap, plus the loss of the votes."""
         device = next(network.parameters()).device
-        inputs, person, votes, known = (tensor.to(device, non_blocking=True) for tensor in batch)
+        inputs, person, votes, weight = (tensor.to(device, non_blocking=True) for tensor in batch)
         with torch.autocast(device.type, torch.bfloat16):
             found = network(inputs.contiguous(memory_format=torch.channels_last)).float()
         odds = functional.pixel_shuffle(found[:, :4], 2)[:, 0]
+        known = (weight > 0).float()
         own = person * known
         by_pixel = functional.binary_cross_entropy_with_logits(odds, person, reduction="none")
-        by_pixel = (by_pixel * known * (1 + PERSON_WEIGHT * person)).sum() / known.sum().clamp(min=1)
+        by_pixel = (by_pixel * weight).sum() / known.sum().clamp(min=1)
         chance = torch.sigmoid(odds) * known
         both, either = (chance * own).sum((1, 2)), chance.sum((1, 2)) + own.sum((1, 2)) + 1
         apart = ((1 - 2 * both / either) * (own.sum((1, 2)) > 0)).mean()
@@ -210,6 +210,6 @@ def averaged_finder(new: Path, old: Path, share: float) -> FinderNet:
 
 
 def export_finder(network: nn.Module, path: Path) -> None:
-    """Write a network as `annotate.person.finder` loads it, its weights in half precision."""
+    """Write a network as `annotate.person.detection.finder` loads it, its weights in half precision."""
     export_any_size(network, path, INPUTS, MULTIPLE, ["image", "found"])
     halve_onnx(path)

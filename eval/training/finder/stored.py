@@ -9,20 +9,22 @@ from pathlib import Path
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.person.finder import FOCAL_PX
-from eval.training.finder.close_rooms import close_scenes
+from annotate.person.detection.finder_network import FOCAL_PX
 from eval.training.finder.images import FIRST_THING, Image, SceneImages
-from eval.training.finder.scenes import Scene, rig_scenes, room_scenes
+from eval.training.rooms.close_rooms import close_scenes
+from eval.training.rooms.empty_rooms import empty_scenes
+from eval.training.rooms.scenes import Scene, rig_scenes, room_scenes
 from sensors.files.atomic import replacing
 from synth.images.workers import processes
 
-KINDS = ("rig", "room", "close")  # in the order of ``SceneImages``
+KINDS = ("rig", "room", "close", "empty")  # in the order of ``SceneImages``
 
 
 def store_scenes(folder: Path, counts: Mapping[str, int], first: int = 1, workers: int = 1) -> None:
     """Write the missing files of training images, in ``workers`` processes.
 
-    counts: number of seeds by kind: "rig", recordings of the rig; "room" and "close", groups of rooms. first:
+    counts: number of seeds by kind: "rig", recordings of the rig; the others, groups
+    of rooms. first:
     the first seed.
     """
     named = [(kind, seed) for kind, count in counts.items() for seed in range(first, first + count)]
@@ -40,7 +42,7 @@ def _file(folder: Path, kind: str, seed: int) -> Path:
 def _write(folder: Path, kind_and_seed: tuple[str, int]) -> None:
     kind, seed = kind_and_seed
     scenes: dict[str, Callable[[int], Iterable[Scene]]] = {
-        "rig": rig_scenes, "room": room_scenes, "close": close_scenes
+        "rig": rig_scenes, "room": room_scenes, "close": close_scenes, "empty": empty_scenes
     }  # fmt: skip
     arrays = {
         f"{name}{i}": array

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from eval.training.finder.floor_plan import FloorPlan
-from eval.training.finder.people import Figures, draw_figures
+from eval.training.rooms.floor_plan import FloorPlan
+from eval.training.rooms.people import Figures, draw_figures
 from sensors.rig.rig_calibration import Pose
 from synth.clothes.dressed import Dressed
 from synth.data_files import Cast

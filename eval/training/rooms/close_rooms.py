@@ -11,12 +11,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from eval.training.finder.clutter import draw_desk_clutter, draw_floor_clutter, in_cells
-from eval.training.finder.floor_plan import FloorPlan
-from eval.training.finder.gathering import ROLL_DEG, STEP_M, STEPS, facing, middle
-from eval.training.finder.people import Figures, draw_figures
-from eval.training.finder.rooms import Room, place, shell
-from eval.training.finder.scenes import ROOMS_OF_PEOPLE, Scene, acquaintances, rendered_scene
+from eval.training.rooms.clutter import draw_desk_clutter, draw_floor_clutter, in_cells
+from eval.training.rooms.floor_plan import FloorPlan
+from eval.training.rooms.gathering import ROLL_DEG, STEP_M, STEPS, facing, middle
+from eval.training.rooms.people import Figures, draw_figures
+from eval.training.rooms.rooms import Room, place, shell
+from eval.training.rooms.scenes import ROOMS_OF_PEOPLE, Scene, acquaintances, rendered_scene
 from sensors.rig.rig_calibration import Pose
 from synth.cameras.random_sensor import draw_sensor
 from synth.cameras.sensor import Sensor

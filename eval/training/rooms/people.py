@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from annotate.array_types import Float32, Float64
-from eval.training.finder import things
+from eval.training.rooms import things
 from synth.clothes.dressed import Dressed
 from synth.data_files import Cast
 from synth.pose.postures import lie, poses_of, rise, sit

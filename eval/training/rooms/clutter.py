@@ -9,7 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from eval.training.finder.things import BLACK, Draw, blob, draw_thing
+from eval.training.rooms.soft import blob
+from eval.training.rooms.things import BLACK, Draw, draw_thing
 from synth.data_files import Cast
 from synth.surface.furniture import Surface
 from synth.surface.judge_furniture import draw_chair

@@ -14,12 +14,12 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.person.extract import PersonDetection
 from annotate.person.subject import persons_before
-from eval.training.finder.floor_plan import FloorPlan
-from eval.training.finder.gathering import aim, gather, middle
-from eval.training.finder.panes import wandering
-from eval.training.finder.people import FIRST_PERSON, Figures
-from eval.training.finder.rooms import Room, draw_surroundings
-from eval.training.finder.things import BLACK
+from eval.training.rooms.floor_plan import FloorPlan
+from eval.training.rooms.gathering import aim, gather, middle
+from eval.training.rooms.panes import wandering
+from eval.training.rooms.people import FIRST_PERSON, Figures
+from eval.training.rooms.rooms import Room, draw_surroundings
+from eval.training.rooms.things import BLACK
 from eval.training.segmentation.scenes import training_rig
 from sensors.rig.camera import Intrinsics
 from sensors.rig.rig_calibration import Pose

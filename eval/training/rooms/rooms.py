@@ -6,9 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from eval.training.finder.floor_plan import FloorPlan
-from eval.training.finder.panes import draw_pane
-from eval.training.finder.things import draw_thing
+from eval.training.rooms.floor_plan import FloorPlan
+from eval.training.rooms.panes import draw_pane
+from eval.training.rooms.things import draw_thing
 from synth.data_files import Cast
 from synth.surface.furniture import Surface
 from synth.surface.rasterize import Mesh, box, sheet
@@ -25,7 +25,7 @@ TRIES = 4  # places drawn for a thing
 class Room(NamedTuple):
     """Meshes of a room, world frame, metres.
 
-    shell: floor, walls, pillar and ceiling. panes: see `eval.training.finder.panes`.
+    shell: floor, walls, pillar and ceiling. panes: see `eval.training.rooms.panes`.
     """
 
     shell: list[Mesh]

@@ -5,6 +5,7 @@ their votes meet. The votes of a limb alone meet beside the limb; it belongs to 
 together with the limb's, have their middle there. Constants are untuned unless a source is given.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numba import njit
 from scipy.spatial import cKDTree
 
 from annotate.array_types import Bool, Float32, Index, UInt8
-from annotate.person.odds import KEPT_ODDS, Evidence
+from annotate.person.detection.odds import Evidence
 
 VOTE_M = 0.1  # scatter of votes for one middle
 PEAKS_M = 0.25  # least distance of two peaks of votes; of 70 persons 0 split, 4 joined (0.15: 1, 4)
@@ -37,27 +38,41 @@ class Voters(NamedTuple):
         return Voters(*(np.ascontiguousarray(values[index]) for values in self))
 
 
-def persons_by_votes(voters: Voters, least_odds: float = KEPT_ODDS) -> tuple[UInt8, list[Evidence]]:
-    """Return the person number (n,) of voters, 0 = no person, and the evidence for each person from 1 on.
-
-    least_odds: of a person; the votes of others go to the nearest person, if near.
+class Groups(NamedTuple):
+    """Groups of voters who agree on a middle: a sample of the voters, the group (n,) of each, from 0 on, and
+    the groups' evidence.
     """
+
+    sample: Voters
+    number: Index
+    evidence: list[Evidence]
+
+    def assigned(self, votes_m: Float32, kept: Sequence[int]) -> UInt8:
+        """Return the person number (n,) of votes (n, 3) in metres, 0 = no person.
+
+        kept: groups that are a person, in the order of the persons' numbers from 1 on. Votes of others belong
+        to the nearest person, if near.
+        """
+        if not kept:
+            return np.zeros(len(votes_m), np.uint8)
+        person = np.zeros(len(self.evidence), np.uint8)
+        person[list(kept)] = np.arange(1, len(kept) + 1)
+        among = np.flatnonzero(person[self.number])
+        _, nearest = cKDTree(self.sample.votes_m[among]).query(votes_m, distance_upper_bound=STRAY_M)
+        return np.asarray(np.append(person[self.number[among]], 0)[nearest], np.uint8)
+
+
+def grouped(voters: Voters) -> Groups:
+    """Return the groups of voters whose votes agree."""
     step = 1 + len(voters.votes_m) // MOST_VOTES
     some = voters.chosen(np.s_[::step])
     if not len(some.odds):
-        return np.zeros(0, np.uint8), []
-    weight = some.surface_m2 * step
-    person = _peaks(some.votes_m, weight)
-    _join(some.votes_m, some.points_m, person)
-    groups = {int(k): _evidence(some.chosen(person == k), step) for k in np.unique(person)}
-    kept = [k for k, evidence in groups.items() if evidence.odds >= least_odds]
-    kept = sorted(sorted(kept, key=lambda k: -groups[k].odds)[:MOST_PERSONS])
-    if not kept:
-        return np.zeros(len(voters.votes_m), np.uint8), []
-    among = np.flatnonzero(np.isin(person, kept))
-    number = np.searchsorted(kept, person[among]) + 1
-    _, nearest = cKDTree(some.votes_m[among]).query(voters.votes_m, distance_upper_bound=STRAY_M)
-    return np.asarray(np.append(number, 0)[nearest], np.uint8), [groups[k] for k in kept]
+        return Groups(some, np.zeros(0, np.intp), [])
+    group = _peaks(some.votes_m, some.surface_m2 * step)
+    _join(some.votes_m, some.points_m, group)
+    numbers, group = np.unique(group, return_inverse=True)
+    evidence = [_evidence(some.chosen(group == k), step) for k in range(len(numbers))]
+    return Groups(some, group, evidence)
 
 
 def _evidence(voters: Voters, step: int) -> Evidence:

@@ -10,11 +10,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
-from eval.training.finder.floor_plan import FloorPlan
-from eval.training.finder.gathering import aim
-from eval.training.finder.people import FIRST_PERSON, Figures
-from eval.training.finder.rooms import draw_surroundings
-from eval.training.finder.scenes import EYE_HEIGHT_M, EYE_M, Scene, rendered_scene
+from eval.training.rooms.floor_plan import FloorPlan
+from eval.training.rooms.gathering import aim
+from eval.training.rooms.people import FIRST_PERSON, Figures
+from eval.training.rooms.rooms import draw_surroundings
+from eval.training.rooms.scenes import EYE_HEIGHT_M, EYE_M, Scene, rendered_scene
 from synth.body.body import blend, pose
 from synth.body.crowd import crowd_of
 from synth.body.skeleton import Posture

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from annotate.array_types import Float64
+from eval.training.rooms.soft import HANGING, blob, hung, laid
 from synth.data_files import Cast
 from synth.surface.furniture import Bed, Surface
 from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
@@ -31,10 +32,13 @@ def draw_thing(rng: np.random.Generator, cast: Cast) -> Mesh:
     mesh = seat.mesh()
     if kind == 3 or rng.random() < 0.3:  # clothes, cushions, a coat over the back
         places = [
-            (rng.uniform(-0.5, 0.5) * seat.width, rng.uniform(0.1, 0.9) * seat.depth, seat.height + h)
-            for h in rng.uniform(0, 0.5, int(rng.integers(1, 5)))
+            (rng.uniform(-0.5, 0.5) * seat.width, rng.uniform(0.1, 0.9) * seat.depth, seat.height)
+            for _ in range(int(rng.integers(1, 5)))
         ]
-        mesh = merge([mesh, *(blob(rng, 0.06, 0.3, np.array(at)) for at in places)])
+        soft = [laid(rng, np.array(at), above_m=0.5) for at in places]
+        if rng.random() < HANGING:
+            soft.append(hung(rng, np.array([0.0, seat.depth, seat.height + rng.uniform(0.2, 0.6)])))
+        mesh = merge([mesh, *soft])
     return mesh
 
 
@@ -73,7 +77,7 @@ def railed(bed: Bed, rng: np.random.Generator) -> Mesh:
         meshes += [_bar((x, at, 0.2), (x, at, top)) for at in np.linspace(-y, y, int(rng.integers(2, 6)))]
     if rng.random() < 0.4:
         places = rng.uniform((-half, -1, bed.height), (half, 1, bed.height + 0.1), (3, 3))
-        meshes += [blob(rng, 0.08, 0.4, at) for at in places]
+        meshes += [laid(rng, at, 0.4) for at in places]
     return merge(meshes)
 
 
@@ -127,6 +131,14 @@ def _heap(rng: np.random.Generator) -> Mesh:
     return merge([blob(rng, 0.05, 0.3, at) for at in places])
 
 
+def _clothes(rng: np.random.Generator) -> Mesh:
+    """Draw cloths in a heap on the floor, or on a box."""
+    high = rng.uniform(0.2, 0.8) if rng.random() < 0.5 else 0.0
+    under = [box((-0.4, -0.25, 0), (0.4, 0.25, high), Surface.TABLE)] if high else []
+    places = rng.normal((0, 0, high), (0.2, 0.2, 0), (int(rng.integers(1, 4)), 3))
+    return merge([*under, *(laid(rng, at) for at in places)])
+
+
 def _plant(rng: np.random.Generator) -> Mesh:
     """Draw thin leaves around a stem in a pot."""
     high = rng.uniform(0.4, 1.9)
@@ -150,15 +162,6 @@ def _curtain(rng: np.random.Generator) -> Mesh:
     width, wave, deep, height = rng.uniform((0.3, 3, 0.01, 1.5), (1.5, 20, 0.08, 2.5))
     folds = np.stack([width * u, deep * np.sin(wave * u + 0.6 * np.sin(3 * v)), height * v], -1)
     return tagged(folds.reshape(-1, 3).astype(np.float32), grid_faces(60, 12), Surface.WALL)
-
-
-def blob(rng: np.random.Generator, least_m: float, most_m: float, at_m: Float64) -> Mesh:
-    """Return an ellipsoid at a random angle about a place (3,). least_m, most_m: range of its radii."""
-    polar, turn = np.meshgrid(np.linspace(0, np.pi, 10), np.linspace(0, 2 * np.pi, 16), indexing="ij")
-    ball = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], -1)
-    axes = np.exp(rng.uniform(np.log(least_m), np.log(most_m), 3))
-    mesh = tagged((ball.reshape(-1, 3) * axes).astype(np.float32), grid_faces(10, 16), Surface.TABLE)
-    return mesh.placed(Rotation.random(rng=rng).as_matrix(), at_m)
 
 
 def _post(radius: float, height: float) -> Mesh:
@@ -186,5 +189,5 @@ def _turned(angle_rad: float) -> Float64:
 
 
 SHAPES: tuple[Draw, ...] = (
-    table, desk, walker, _shelf, _shelf, _cupboard, _door, _any_box, _heap, _plant, _lamp, _curtain
+    table, desk, walker, _shelf, _shelf, _cupboard, _door, _any_box, _heap, _clothes, _plant, _lamp, _curtain
 )  # fmt: skip

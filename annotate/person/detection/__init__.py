@@ -1,0 +1,1 @@
+"""Detection of persons in a cloud: finder, votes, second stage, odds."""

@@ -1,0 +1,51 @@
+"""Examples for the second stage: the finder's candidates in augmented images, with the truth.
+
+A candidate is a person if half of it shows one person, and none if less than a fifth shows people; others are
+left out.
+"""
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from annotate.array_types import Bool, Float32, UInt8
+from annotate.person.detection.candidates import Candidates
+from annotate.person.detection.finder import candidates_in
+from annotate.person.detection.finder_network import FOCAL_PX
+from eval.training.finder.images import Image, augmented_depth
+from eval.training.finder.verification import Examples
+
+OF_ONE, OF_ANY = 0.5, 0.2  # shares of a candidate: least on one person, most on people of a false one
+
+
+def is_person(mask: Bool, persons: UInt8) -> bool | None:
+    """Return whether a candidate's pixels (h, w) are a person of ``persons`` (h, w), None = in part."""
+    shares = np.bincount(persons[mask], minlength=2)[1:] / np.count_nonzero(mask)
+    if shares.sum() >= OF_ANY and shares.max() < OF_ONE:
+        return None
+    return bool(shares.max() >= OF_ONE)
+
+
+def examples_of(images: Iterable[Image], rng: np.random.Generator) -> Examples:
+    """Return the candidates of augmented images."""
+    rows = [row for image in images for row in _rows(image, rng)]
+    crops, truth = zip(*rows, strict=True) if rows else ((), ())
+    return Examples(np.array(crops, np.float16), np.array(truth, np.float32))
+
+
+def _rows(image: Image, rng: np.random.Generator) -> Iterator[tuple[Float32, bool]]:
+    depth_m, persons = augmented_depth(image, rng)
+    candidates = candidates_in_depth(depth_m)
+    for mask in candidates.masks().values():
+        truth = is_person(mask, persons)
+        if truth is not None:
+            yield candidates.crop(mask), truth
+
+
+def candidates_in_depth(depth_m: Float32) -> Candidates:
+    """Return the candidates in depth (h, w) at the finder's focal length, 0 = no reading."""
+    height, width = depth_m.shape
+    v, u = np.mgrid[:height, :width].astype(np.float32)
+    x, y = (u - (width - 1) / 2) * depth_m / FOCAL_PX, (v - (height - 1) / 2) * depth_m / FOCAL_PX
+    unfelt = np.full(depth_m.shape, np.nan, np.float32)
+    return candidates_in(np.stack([x, y, depth_m], axis=-1).astype(np.float32), unfelt, (FOCAL_PX, FOCAL_PX))

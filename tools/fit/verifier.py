@@ -1,0 +1,39 @@
+"""Train the finder's second stage: ``python -m tools.fit.verifier FOLDER OUT.onnx``.
+
+FOLDER has scenes by ``tools.fit.finder --render-only``, with empty rooms. The finder must not have seen them.
+OUT.safetensors is the checkpoint: the same command resumes an interrupted training. Candidates are computed
+again each time.
+"""
+
+import argparse
+from functools import reduce
+from itertools import chain
+from pathlib import Path
+
+import torch
+
+from eval.training.finder.stored import load_scenes
+from eval.training.finder.verification import Examples, VerifierTraining, export_verifier, train_verifier
+from eval.training.finder.verification_examples import examples_of
+from synth.random_stream import stream
+from tools.fit.suit_network import lines
+
+
+def main() -> None:
+    """Make candidates, train, write the network."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("--steps", type=int, default=6_000, help="of 64 candidates")
+    parser.add_argument("--looks", type=int, default=1, help="augmented images of each scene")
+    given = parser.parse_args()
+    torch.set_num_threads(1)
+    images = list(chain(*load_scenes(given.folder)))
+    looks = (examples_of(images, stream(0, "candidates", look)) for look in range(given.looks))
+    training = VerifierTraining(reduce(Examples.joined, looks), given.steps)
+    checkpoint = given.out.with_suffix(".safetensors")
+    export_verifier(train_verifier(training, checkpoint, lines(50)), given.out)
+
+
+if __name__ == "__main__":
+    main()
