@@ -1,5 +1,6 @@
 """People are detected with and without temperature: in rooms, cut out, cut off, side by side."""
 
+from functools import partial
 from itertools import pairwise
 
 import cv2
@@ -8,7 +9,7 @@ import pytest
 
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
-from annotate.person.detection import finder
+from annotate.person.detection import candidates, finder
 from annotate.person.detection.finder_network import DEPTH_INPUTS, _network, network_input, odds_and_votes
 from annotate.person.detection.odds import KEPT_ODDS, Evidence
 from annotate.person.detection.votes import Voters, grouped
@@ -167,3 +168,12 @@ def test_without_temperatures_fewer_inputs_give_the_same_result():
     every = _network(is_felt=True).run(None, {"image": given})[0]
     np.testing.assert_allclose(fewer, every, atol=1e-5)
     assert np.ptp(every) > 1
+
+
+def test_a_person_cut_out_needs_no_second_stage(monkeypatch):
+    depth, whose = seen([(4, 0.0)], room=False)
+    in_room, persons = seen([(4, 0.0)])
+    rejected = partial(np.full, fill_value=-50, dtype=np.float32)
+    monkeypatch.setattr(candidates, "person_odds", lambda crops: rejected(len(crops)))
+    assert survey_of(cloud_of(np.where(whose > 0, depth, np.nan))).person().mask.any()
+    assert not survey_of(cloud_of(in_room)).person().mask.any() and persons.any()

@@ -1,7 +1,8 @@
 """Person detection in a cloud: a network gives each pixel log odds and a vote for its person's middle.
 
 Pixels with nearby votes form one candidate, so people who touch stay apart. Without temperatures a second
-network rates each candidate. Constants are untuned unless a source is given.
+network rates each candidate, unless the background is cut away. Constants are untuned unless a source is
+given.
 """
 
 from dataclasses import dataclass
@@ -56,7 +57,7 @@ def find_people(
     small_m = np.nan_to_num(small_m, copy=False)
     focal_px = (cloud.camera.fx / _spacing(u), cloud.camera.fy / _spacing(v))
     candidates = candidates_in(small_m, felt, focal_px, single_pass)
-    if not np.isfinite(warmth).any():
+    if not np.isfinite(warmth).any() and not _is_cut_out(candidates.depth_m, focal_px):
         candidates = rated(candidates)
     kept, evidence = candidates.best(least_odds)
     whose, odds = candidates.owners(kept), candidates.odds
@@ -77,7 +78,7 @@ def candidates_in(
     odds, votes_m = odds_and_votes(points_m, warmth, single_pass)
     depth_m = np.ascontiguousarray(points_m[..., 2])
     surface_m2 = depth_m**2 * np.float32(1 / (focal_px[0] * focal_px[1]))
-    if surface_m2.sum() <= MOST_PERSON_M2 and _is_cut_out(depth_m):
+    if _is_cut_out(depth_m, focal_px):
         odds += CUT_OUT_ODDS
     likely = (odds > 0) & (depth_m > 0)
     voters = Voters(votes_m, points_m[::2, ::2], 4 * surface_m2[::2, ::2], odds[::2, ::2])
@@ -90,9 +91,14 @@ def _person(cloud: ThermalCloud, mask: Bool, evidence: Evidence) -> Person:
     return Person(mask, area_m2, points.mean(axis=0), evidence)
 
 
-def _is_cut_out(depth_m: Float32) -> bool:
-    """Return whether the background of depth (h, w) is missing; the walls of a close room are background."""
+def _is_cut_out(depth_m: Float32, focal_px: tuple[float, float]) -> bool:
+    """Return whether depth (h, w) shows little and lacks the background; a close room's walls are background.
+
+    focal_px: of columns and rows.
+    """
     known = depth_m > 0
+    if np.square(depth_m).sum() > MOST_PERSON_M2 * focal_px[0] * focal_px[1]:
+        return False
     border = np.concatenate([known[0], known[-1], known[:, 0], known[:, -1]])
     return bool(border.mean() <= MOST_BORDER and known.mean() <= MOST_KNOWN)
 
