@@ -12,7 +12,7 @@ from annotate.cloud.fuse import Fuser
 from annotate.person.detection import candidates, finder
 from annotate.person.detection.finder_network import DEPTH_INPUTS, _network, network_input, odds_and_votes
 from annotate.person.detection.odds import KEPT_ODDS, Evidence
-from annotate.person.detection.votes import Voters, grouped
+from annotate.person.detection.votes import MOST_PERSONS, Voters, grouped
 from annotate.person.extract import PersonDetection
 from sensors.rig.camera import Intrinsics
 from synth.rig.truth import truth_labels
@@ -177,3 +177,28 @@ def test_a_person_cut_out_needs_no_second_stage(monkeypatch):
     monkeypatch.setattr(candidates, "person_odds", lambda crops: rejected(len(crops)))
     assert survey_of(cloud_of(np.where(whose > 0, depth, np.nan))).person().mask.any()
     assert not survey_of(cloud_of(in_room)).person().mask.any() and persons.any()
+
+
+def test_a_temperature_without_depth_does_not_skip_the_second_stage(monkeypatch):
+    depth = seen([(4, 0.0)])[0].copy()
+    depth[:8] = np.nan
+    warmth = np.full(CAMERA.shape, np.nan, np.float32)
+    warmth[:8] = 0.5
+    monkeypatch.setattr(candidates, "person_odds", lambda crops: np.full(len(crops), -50, np.float32))
+    assert finder.find_people(cloud_of(depth), warmth) == []
+
+
+def test_more_candidates_than_numbers_of_persons_and_unusual_cameras_are_no_error(monkeypatch):
+    unfelt = np.full(CAMERA.shape, np.nan, np.float32)
+    for focal_px in (1e-6, 1.0, 1e12):
+        camera = Intrinsics(9, 7, focal_px, focal_px, 4.0, 3.0)
+        assert finder.find_people(cloud_of(np.full((7, 9), 65.535), camera), unfelt[:7, :9]) == []
+
+    def votes_apart(points_m, warmth, single_pass):
+        return np.full(points_m.shape[:2], 5, np.float32), 3 * points_m[::2, ::2]
+
+    monkeypatch.setattr(finder, "odds_and_votes", votes_apart)
+    monkeypatch.setattr(candidates, "person_odds", lambda crops: np.full(len(crops), -50, np.float32))
+    found = finder.find_people(cloud_of(np.full(CAMERA.shape, 6.0)), unfelt)
+    assert len(found) == MOST_PERSONS and (sum(person.mask.astype(int) for person in found) <= 1).all()
+    assert max(person.odds for person in found) > 0

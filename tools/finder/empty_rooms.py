@@ -1,8 +1,8 @@
 """Phantoms in rooms without people: ``python -m tools.finder.empty_rooms SEED [FRAMES]``.
 
 SEED: of the rooms. FRAMES: for each kind of room and sensor, default 100. ``--cast judge`` draws the judging
-cast's furniture. Close rooms have walls and things
-within a metre or so of a low camera. A phantom is a person that `detected` finds in a single frame.
+cast's furniture. Close rooms have walls and things within a metre or so of a low camera. A phantom is a
+person that `detected` finds in a single frame.
 """
 
 import argparse

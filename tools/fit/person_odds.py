@@ -1,9 +1,9 @@
 """Fit the odds of detected persons: ``python -m tools.fit.person_odds SEED ROOMS``.
 
-SEED: of the first of ROOMS groups of ten random and ten close rooms, training cast, which the finder and the
-verifier have not seen. A detection is a person as in ``eval.training.finder.verification_examples``. Every
-fourth group is held out: the tool prints what it gains there, fits on all and writes odds.json, one model for
-each number of stages.
+SEED: of the first of ROOMS groups of ten random and ten close rooms, training cast; give rooms that neither
+network was trained on. A detection is a person as in ``eval.training.finder.verification_examples``. The tool
+fits on three of four groups and prints the scores on the fourth. Then it fits on all groups and writes
+odds.json, one model for each number of stages.
 """
 
 import json

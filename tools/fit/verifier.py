@@ -1,6 +1,7 @@
 """Train the finder's second stage: ``python -m tools.fit.verifier FOLDER OUT.onnx``.
 
-FOLDER has scenes by ``tools.fit.finder --render-only``, with empty rooms. The finder must not have seen them.
+FOLDER has scenes by ``tools.fit.finder --render-only``, with empty rooms; give scenes that the finder was not
+trained on.
 OUT.safetensors is the checkpoint: the same command resumes an interrupted training. Candidates are computed
 again each time.
 """
@@ -20,17 +21,18 @@ from tools.fit.suit_network import lines
 
 
 def main() -> None:
-    """Make candidates, train, write the network."""
+    """Compute candidates, train, write the network."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("out", type=Path)
-    parser.add_argument("--steps", type=int, default=6_000, help="of 64 candidates")
-    parser.add_argument("--looks", type=int, default=1, help="augmented images of each scene")
+    parser.add_argument("--steps", type=int, default=6_000, help="steps of 64 candidates (default 6000)")
+    parser.add_argument("--augmentations", type=int, default=1, help="images of each scene (default 1)")
     given = parser.parse_args()
     torch.set_num_threads(1)
     images = list(chain(*load_scenes(given.folder)))
-    looks = (examples_of(images, stream(0, "candidates", look)) for look in range(given.looks))
-    training = VerifierTraining(reduce(Examples.joined, looks), given.steps)
+    streams = (stream(0, "candidates", number) for number in range(given.augmentations))
+    examples = reduce(Examples.joined, (examples_of(images, rng) for rng in streams))
+    training = VerifierTraining(examples, given.steps)
     checkpoint = given.out.with_suffix(".safetensors")
     export_verifier(train_verifier(training, checkpoint, lines(50)), given.out)
 

@@ -15,16 +15,17 @@ from annotate.person.detection.odds import Evidence
 from annotate.person.detection.verifier import crop_input, person_odds
 from annotate.person.detection.votes import MOST_PERSONS, Groups, Voters, grouped
 
-LEAST_ODDS = -3.0  # log odds by the first stage, of a candidate that the second one rates
-MOST_RATED = 16  # candidates of an image, for speed
+LEAST_ODDS = -3.0  # least log odds by the first stage of a candidate that the second stage rates
+MOST_RATED = 16  # rated candidates of an image, 1 ms each; further ones keep the odds of the first stage
 
 
 @dataclass(frozen=True)
 class Candidates:
     """Candidates for persons in an image.
 
-    depth_m, odds: (h, w), 0 = no reading; log odds of being a person. focal_px: of columns and rows. votes_m:
-    votes (n, 3) of every second likely pixel. evidence: of each group of votes.
+    depth_m: (h, w), 0 = no reading. odds: (h, w), log odds of being a person. focal_px: of columns and rows.
+    votes_m: votes (n, 3) of every second likely pixel, depth camera's frame. groups: of votes that agree.
+    evidence: of each group, in their order.
     """
 
     depth_m: Float32
@@ -57,19 +58,19 @@ class Candidates:
         return np.where(whose > 0, whose, np.where(self.likely, between, 0)).astype(np.uint8)
 
     def best(self, least_odds: float, most: int = MOST_PERSONS) -> tuple[list[int], list[Evidence]]:
-        """Return at most ``most`` groups, the surest ones, of at least these log odds, and their evidence."""
+        """Return the likeliest groups of at least ``least_odds``, at most ``most``, and their evidence."""
         surest = sorted(range(len(self.evidence)), key=lambda k: -self.evidence[k].odds)[:most]
         kept = sorted(k for k in surest if self.evidence[k].odds >= least_odds)
         return kept, [self.evidence[k] for k in kept]
 
     def masks(self) -> Mapping[int, Bool]:
-        """Return the pixels (h, w) of each group that the second stage rates."""
+        """Return the pixels (h, w) by group, of groups with pixels that the second stage rates."""
         chosen, _ = self.best(LEAST_ODDS, MOST_RATED)
         whose = self.owners(chosen)
         return {k: whose == number for number, k in enumerate(chosen, start=1) if (whose == number).any()}
 
     def crop(self, mask: Bool) -> Float32:
-        """Return the second stage's input for pixels (h, w)."""
+        """Return the second stage's input (6, SIDE, SIDE) for a candidate's pixels (h, w)."""
         return crop_input(self.depth_m, self.odds, mask, self.focal_px)
 
 

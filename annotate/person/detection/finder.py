@@ -18,7 +18,7 @@ from annotate.person.detection.finder_network import FOCAL_PX, odds_and_votes
 from annotate.person.detection.odds import KEPT_ODDS, Evidence
 from annotate.person.detection.votes import Voters
 
-CUT_OUT_ODDS = 4.0  # added where the background is cut away; finds 0.997 of these persons instead of 0.99
+CUT_OUT_ODDS = 4.0  # added where the background is cut away; an earlier finder found 0.997, not 0.99, of them
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
 MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
 # Greatest shares of the border and of the image with depth, where the background is cut away. Of 200 tight
@@ -49,7 +49,7 @@ def find_people(
     """Detect all people of a cloud, in no order.
 
     warmth: (h, w), 0 at the room's temperature, 1 at a person's; NaN = no reading. single_pass: skip the
-    flipped image, which halves the time. least_odds: of a person.
+    flipped image, which halves the time. least_odds: least log odds of a returned person.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
@@ -57,7 +57,8 @@ def find_people(
     small_m = np.nan_to_num(small_m, copy=False)
     focal_px = (cloud.camera.fx / _spacing(u), cloud.camera.fy / _spacing(v))
     candidates = candidates_in(small_m, felt, focal_px, single_pass)
-    if not np.isfinite(warmth).any() and not _is_cut_out(candidates.depth_m, focal_px):
+    is_felt = (np.isfinite(felt) & (candidates.depth_m > 0)).any()
+    if not is_felt and not _is_cut_out(candidates.depth_m, focal_px):
         candidates = rated(candidates)
     kept, evidence = candidates.best(least_odds)
     whose, odds = candidates.owners(kept), candidates.odds

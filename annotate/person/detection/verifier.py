@@ -1,7 +1,7 @@
 """Second stage of person detection: a network rates the surroundings of a candidate, at one metric size.
 
-The finder sees a person at whatever size the distance gives. Here a crop of fixed size in metres shows the
-whole candidate and the room around it. Constants are untuned.
+In the finder's input a person's size depends on the distance. The verifier's crop of fixed size in metres
+shows the whole candidate and the room around it. Constants are untuned.
 """
 
 from functools import cache
@@ -14,15 +14,15 @@ from annotate.array_types import Bool, Float32
 from annotate.onnx_session import Network, onnx_session
 
 SIDE, SIDE_M = 80, 2.4  # of a crop: pixels, metres
-DEPTH_M = 1.2  # greatest depth beside the candidate's, of the channel
-RELIEF, RELIEF_SIDE = 8.0, 9  # factor of depth less its local mean; side of the mean's window in pixels
+DEPTH_M = 1.2  # difference from the candidate's depth that the channel shows as 1
+RELIEF, RELIEF_SIDE = 8.0, 9  # factor (1/m) of depth less its local mean; side of the mean's window in pixels
 ODDS = 4.0  # log odds of a pixel that the channel shows as 1
 INPUTS = 6  # channels of `crop_input`
 
 
-def person_odds(candidates: Float32) -> Float32:
-    """Return the log odds (n,) that candidates (n, 6, SIDE, SIDE) by `crop_input` are persons."""
-    found: Float32 = _network().run(None, {"crop": candidates})[0][:, 0]
+def person_odds(crops: Float32) -> Float32:
+    """Return the log odds (n,) that candidates are persons, by crops (n, 6, SIDE, SIDE) of `crop_input`."""
+    found: Float32 = _network().run(None, {"crop": crops})[0][:, 0]
     return found
 
 
@@ -34,9 +34,9 @@ def _network() -> Network:
 def crop_input(depth_m: Float32, odds: Float32, mask: Bool, focal_px: tuple[float, float]) -> Float32:
     """Return the input (6, SIDE, SIDE) for a candidate.
 
-    depth_m, odds, mask: (h, w), 0 = no reading; log odds of being a person; pixels of the candidate, which
-    have readings. focal_px: of columns and rows. Channels: inside the image, has a reading, depth less the
-    candidate's, depth less its local mean, log odds, mask.
+    depth_m: (h, w), metres, 0 = no reading. odds: (h, w), log odds of being a person. mask: (h, w), pixels of
+    the candidate, at least one, all with readings. focal_px: of columns and rows. Channels: inside the image,
+    has a reading, depth less the candidate's median, depth less its local mean, log odds, mask.
     """
     v, u = np.nonzero(mask)
     middle_m = float(np.median(depth_m[v, u]))

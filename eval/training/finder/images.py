@@ -16,17 +16,12 @@ from eval.training.finder.warm import degraded_warmth, random_warmth
 HEIGHT, WIDTH = 192, 256  # of a training image
 LEAST_PX, FARTHEST_M = 20, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
 CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.2, 0.35, 0.4  # cumulative shares: people or a thing alone, nothing far, near
-THING_ALONE, LEAST_THING_PX = (
-    0.5,
-    400,
-)  # share of cut-outs with a thing in place of the people; its least pixels
+THING_ALONE = 0.5  # share of cut-outs with a thing in place of the people
+LEAST_THING_PX = 400  # of such a thing
 FIRST_THING = 32  # number of a thing's surface, less 1; people have lower ones
 NEARER, MOST_NEARER = 0.4, 0.9  # share of images from nearer, and the largest log factor
 PERSON_WEIGHT = 0.5  # extra weight of a person's pixels in the loss
-USUAL_PX, MOST_MORE = (
-    2000.0,
-    4.0,
-)  # pixels below which the extra weight grows by their root; its largest factor
+USUAL_PX, MOST_MORE = 2000.0, 4.0  # person's pixels below which the weight grows by their root; most growth
 FEELABLE = 0.6  # share of rooms with random warmth; the others have none
 
 Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
@@ -45,9 +40,7 @@ class SceneImages(NamedTuple):
     empty: list[Image] = []  # noqa: RUF012
 
     def in_turn(self) -> list[list[Image]]:
-        """Return the kinds in the order in which the finder's batch takes them; kinds without images are left
-        out.
-        """
+        """Return the kinds that have images, in the order of a batch; the finder uses no empty rooms."""
         return [kind for kind in (self.rig, self.rooms, self.rig, self.close, self.rig, self.rooms) if kind]
 
 
@@ -65,7 +58,10 @@ class Batch(NamedTuple):
 
 
 def draw_batch(images: SceneImages, size: int, rng: np.random.Generator) -> Batch:
-    """Return a batch of random, augmented images, half of them of the rig, else it forgets beds."""
+    """Return a batch of random, augmented images.
+
+    Half of them are of the rig, because a finder trained on fewer lost people in bed.
+    """
     kinds = images.in_turn()
     drawn = (kinds[i % len(kinds)] for i in range(size))
     made = [_example(kind[int(rng.integers(len(kind)))], rng) for kind in drawn]

@@ -23,9 +23,8 @@ KINDS = ("rig", "room", "close", "empty")  # in the order of ``SceneImages``
 def store_scenes(folder: Path, counts: Mapping[str, int], first: int = 1, workers: int = 1) -> None:
     """Write the missing files of training images, in ``workers`` processes.
 
-    counts: number of seeds by kind: "rig", recordings of the rig; the others, groups
-    of rooms. first:
-    the first seed.
+    counts: number of seeds by kind; a seed is a recording of the rig, or a group of rooms. first: the first
+    seed.
     """
     named = [(kind, seed) for kind, count in counts.items() for seed in range(first, first + count)]
     missing = [(kind, seed) for kind, seed in named if not _file(folder, kind, seed).exists()]

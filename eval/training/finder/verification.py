@@ -62,7 +62,10 @@ class VerifierNet(nn.Module):
 
 @dataclass(frozen=True)
 class VerifierTraining:
-    """Training of the verifier; an ``eval.training.resumable_loop.Training``."""
+    """Training of the verifier; an ``eval.training.resumable_loop.Training``.
+
+    steps: of ``BATCH`` examples. peak_rate: greatest learning rate.
+    """
 
     examples: Examples
     steps: int
@@ -83,7 +86,7 @@ class VerifierTraining:
             step += 1
 
     def loss(self, network: nn.Module, batch: tuple[Tensor, Tensor], share: float) -> tuple[Tensor, float]:
-        """Return the cross entropy, twice."""
+        """Return the mean cross entropy, as a tensor and as a number."""
         crops, is_person = batch
         with torch.autocast(crops.device.type, torch.bfloat16):
             odds = network(crops.contiguous(memory_format=torch.channels_last)).float()[:, 0]

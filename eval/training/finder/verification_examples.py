@@ -1,7 +1,7 @@
 """Examples for the second stage: the finder's candidates in augmented images, with the truth.
 
-A candidate is a person if half of it shows one person, and none if less than a fifth shows people; others are
-left out.
+A candidate is true if at least half of its pixels show one person. It is false if less than a fifth show
+people. Other candidates are left out.
 """
 
 from collections.abc import Iterable, Iterator
@@ -15,11 +15,14 @@ from annotate.person.detection.finder_network import FOCAL_PX
 from eval.training.finder.images import Image, augmented_depth
 from eval.training.finder.verification import Examples
 
-OF_ONE, OF_ANY = 0.5, 0.2  # shares of a candidate: least on one person, most on people of a false one
+OF_ONE, OF_ANY = 0.5, 0.2  # shares of pixels: least of one person if true; of all people, below if false
 
 
 def is_person(mask: Bool, persons: UInt8) -> bool | None:
-    """Return whether a candidate's pixels (h, w) are a person of ``persons`` (h, w), None = in part."""
+    """Return whether a candidate is true; None = left out.
+
+    mask: its pixels (h, w), at least one. persons: person numbers (h, w), 0 = no person.
+    """
     shares = np.bincount(persons[mask], minlength=2)[1:] / np.count_nonzero(mask)
     if shares.sum() >= OF_ANY and shares.max() < OF_ONE:
         return None
@@ -27,7 +30,7 @@ def is_person(mask: Bool, persons: UInt8) -> bool | None:
 
 
 def examples_of(images: Iterable[Image], rng: np.random.Generator) -> Examples:
-    """Return the candidates of augmented images."""
+    """Return the candidates in each image, augmented once, with the truth."""
     rows = [row for image in images for row in _rows(image, rng)]
     crops, truth = zip(*rows, strict=True) if rows else ((), ())
     return Examples(np.array(crops, np.float16), np.array(truth, np.float32))
