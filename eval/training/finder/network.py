@@ -210,6 +210,6 @@ def averaged_finder(new: Path, old: Path, share: float) -> FinderNet:
 
 
 def export_finder(network: nn.Module, path: Path) -> None:
-    """Write a network as `annotate.person.detection.finder` loads it, its weights in half precision."""
+    """Write a network for `annotate.person.detection.finder_network`, its weights in half precision."""
     export_any_size(network, path, INPUTS, MULTIPLE, ["image", "found"])
     halve_onnx(path)
