@@ -1,6 +1,6 @@
 """Calibrated odds that pixels whose votes agree are a person: logistic regression on what the stages give.
 
-``python -m tools.fit.person_odds`` fits the weights. Fit them again for a new finder or verifier.
+``python -m tools.finder.person_odds`` fits the weights. Fit them again for a new finder or verifier.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Train the finder's second stage: ``python -m tools.fit.verifier FOLDER OUT.onnx``.
+"""Train the finder's second stage: ``python -m tools.finder.verifier FOLDER OUT.onnx``.
 
 FOLDER has scenes by ``tools.fit.finder --render-only``, with empty rooms; give scenes that the finder was not
 trained on.

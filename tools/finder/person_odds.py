@@ -1,9 +1,10 @@
-"""Fit the odds of detected persons: ``python -m tools.fit.person_odds SEED ROOMS``.
+"""Fit the odds of detected persons: ``python -m tools.finder.person_odds SEED ROOMS``.
 
 SEED: of the first of ROOMS groups of ten random and ten close rooms, training cast; give rooms that neither
-network was trained on. A detection is a person as in ``eval.training.finder.verification_examples``. The tool
-fits on three of four groups and prints the scores on the fourth. Then it fits on all groups and writes
-odds.json, one model for each number of stages.
+network was trained on. A detection is a person as in ``eval.training.finder.verification_examples``. Only the
+largest detection of a person counts; the others are false. The tool fits on three of four groups and prints
+the scores on the fourth. Then it fits on all groups and writes odds.json, one model for each number of
+stages.
 """
 
 import json
@@ -37,10 +38,13 @@ def examples(scene: Scene) -> Iterator[tuple[Evidence, bool]]:
     cloud = CoarseCloud.of(Fuser(RigCalibration(scene.camera)).fuse(scene.depth_mm))
     unfelt = np.full(cloud.cloud.depth_mm.shape, np.nan, np.float32)
     persons = np.where(cloud.pixel >= 0, scene.persons.ravel()[cloud.pixel], np.uint8(0))
-    for person in find_people(cloud.cloud, unfelt, least_odds=-np.inf):
+    people = find_people(cloud.cloud, unfelt, least_odds=-np.inf)
+    shown = np.array([np.bincount(persons[person.mask], minlength=256)[1:] for person in people])
+    for person, pixels in zip(people, shown, strict=True):
         truth = is_person(person.mask, persons)
         if truth is not None:
-            yield person.evidence, truth
+            number = pixels.argmax()
+            yield person.evidence, truth and bool(pixels[number] == shown[:, number].max())
 
 
 def fitted(features: Float64, is_person: Bool) -> Float64:
