@@ -55,7 +55,6 @@ define set-up
 	echo "installing Python packages into $(VENV)"
 	$(BIN)/pip install --quiet --constraint constraints.txt scikit-build-core nanobind
 	$(BIN)/pip install --quiet --constraint constraints.txt --no-build-isolation --editable '.[$(1)]'
-	echo "compiling kernels, once"
 	$(BIN)/annotate-cloud compile
 endef
 
