@@ -27,6 +27,7 @@ from sensors.errors import CloudError, FormatError
 from sensors.importers.clouds import records
 from sensors.importers.open_source import open_source
 from sensors.rig.camera import Intrinsics, unproject
+from sensors.rig.frame import FARTHEST_MM
 from tests.helpers.label_sets import CAMERA, blocks, make
 from tests.helpers.same_frame import assert_same_frame
 
@@ -50,7 +51,9 @@ def label_sets(draw) -> tuple[Intrinsics, list[FrameLabels]]:
         rng = np.random.default_rng(draw(st.integers(0, 10**6)))
         ids = draw(st.sampled_from([[0], [255], [0, 255], [0, 1, 2, 255], [*range(12), 255]]))
         parts = rng.choice(ids, (height, width)).astype(np.uint8)
-        depth = (rng.integers(0, 65536, parts.shape) * (rng.random(parts.shape) < 0.7)).astype(np.uint16)
+        depth = (rng.integers(0, FARTHEST_MM + 1, parts.shape) * (rng.random(parts.shape) < 0.7)).astype(
+            np.uint16
+        )
         confidence = (rng.integers(0, 256, parts.shape) / np.float32(255)).astype(np.float32)
         numbers = draw(st.sampled_from([[0], [0, 1], [0, 1, 2, 200, 255]]))
         persons = rng.choice(numbers, parts.shape).astype(np.uint8)
