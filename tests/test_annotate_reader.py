@@ -105,7 +105,10 @@ def test_the_network_takes_any_size_and_damage_is_named(tmp_path):
     blind = parsed(whole)
     del blind.graph.input[:]
     others = b"no network", whole[:-1000], blind.SerializeToString(), b""
-    for other in (*others, SHIPPED_SUIT_NETWORK.parents[1].joinpath("person", "finder.onnx").read_bytes()):
+    for other in (
+        *others,
+        SHIPPED_SUIT_NETWORK.parents[1].joinpath("person", "detection", "finder.onnx").read_bytes(),
+    ):
         (tmp_path / "w.onnx").write_bytes(other)
         with pytest.raises(FormatError, match="train-labels"):
             SuitNetwork(tmp_path / "w.onnx")

@@ -10,7 +10,7 @@ import serial
 from sensors.device.node import node_error
 from sensors.errors import DeviceError, DeviceFaultError, DeviceLostError
 
-REPLY_S = 0.2  # s to wait for a reply; a USB adapter's timer takes 0.016
+REPLY_S = 0.5  # s to wait for a reply; a USB adapter's timer takes 0.016, a loaded computer longer
 QUIET_S = 0.02  # s of silence after which an earlier reply has ended
 CHATTER_READS = 10  # full reads without silence after which the device counts as sending by itself
 GONE = (
