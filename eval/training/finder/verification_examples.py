@@ -14,6 +14,7 @@ from annotate.person.detection.finder import candidates_in
 from annotate.person.detection.finder_network import FOCAL_PX
 from eval.training.finder.images import Image, augmented_depth
 from eval.training.finder.verification import Examples
+from sensors.rig.camera import Intrinsics, unproject
 
 OF_ONE, OF_ANY = 0.5, 0.2  # shares of pixels: least of one person if true; of all people, below if false
 
@@ -48,7 +49,6 @@ def _rows(image: Image, rng: np.random.Generator) -> Iterator[tuple[Float32, boo
 def candidates_in_depth(depth_m: Float32) -> Candidates:
     """Return the candidates in depth (h, w) at the finder's focal length, 0 = no reading."""
     height, width = depth_m.shape
-    v, u = np.mgrid[:height, :width].astype(np.float32)
-    x, y = (u - (width - 1) / 2) * depth_m / FOCAL_PX, (v - (height - 1) / 2) * depth_m / FOCAL_PX
+    camera = Intrinsics(width, height, FOCAL_PX, FOCAL_PX, (width - 1) / 2, (height - 1) / 2)
     unfelt = np.full(depth_m.shape, np.nan, np.float32)
-    return candidates_in(np.stack([x, y, depth_m], axis=-1).astype(np.float32), unfelt, (FOCAL_PX, FOCAL_PX))
+    return candidates_in(unproject(camera, depth_m), unfelt, (FOCAL_PX, FOCAL_PX))
