@@ -1,8 +1,8 @@
 """Train the finder's second stage: ``python -m tools.finder.verifier FOLDER OUT.onnx``.
 
 FOLDER has scenes by ``tools.fit.finder --render-only``, with empty rooms; give scenes that the finder was not
-trained on. OUT.safetensors is the checkpoint: the same command resumes an interrupted training. Candidates are
-computed again each time.
+trained on. OUT.safetensors is the checkpoint: the same command resumes an interrupted training. It computes
+the candidates again each time.
 """
 
 import argparse
