@@ -267,7 +267,17 @@ def test_adapting_improves_held_out_spans_and_repeats_itself(small, tmp_path, mo
     monkeypatch.setattr(adaptation_gain, "MOST_LOST", 1.0)
     assert adapt([taught], out, 1.0, silent).weights is None
     (out / RECORD).unlink()
-    done = adapt([taught], out, 1.0, silent)
+    steps = list[list[object]]()
+
+    @contextmanager
+    def noted(what, total):
+        steps.append([what, total, 0])
+        yield lambda n: steps[-1].__setitem__(2, steps[-1][2] + n)
+
+    done = adapt([taught], out, 1.0, noted)
+    assert all(total == finished for _, total, finished in steps), steps
+    exported = "export, networks"
+    assert [step[0] for step in steps].count(exported) == 2 and steps[-2][0] == "calibrate, images"
     assert checkpoint.read_bytes() == trained
     assert done.weights == out / "weights.onnx" and done.gain.frames == done.gain.spans == 3
     assert done.gain.parts.low > 0.2

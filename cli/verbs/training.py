@@ -235,7 +235,7 @@ def _say_unchecked(paths: list[Path]) -> None:
 def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSplit") -> dict[str, Any]:
     """Write a trained network in both formats; return its path, its temperature and the calibration set."""
     from eval.architecture.networks import scheme_of
-    from eval.training.calibration.calibrated_export import export_calibrated
+    from eval.training.calibration.calibrated_export import calibrated, export_calibrated
 
     weights = out / "weights.onnx"
     trained = split.trained.scheme
@@ -245,9 +245,10 @@ def _written(out: Path, model: "nn.Module", plan: "Plan", split: "CalibrationSpl
             f"the network keeps its classes, of scheme {scheme.name!r}; predict --scheme {trained.name} "
             "joins them"
         )
-    temperature = export_calibrated(model, plan.network, scheme, split.calibrated, weights)
+    calibration = calibrated(model, split.calibrated, progress)
+    export_calibrated(model, plan.network, scheme, calibration, weights)
     return {
-        "temperature": round(temperature, 4),
+        "temperature": round(calibration.temperature, 4),
         "calibrated_on": split.described(),
         "weights": str(weights),
     }

@@ -15,9 +15,9 @@ from annotate.segmentation.suit_network import SuitNetwork
 from eval.fine_tuning.run import FineTuner
 from eval.fine_tuning.training_split import CorrectedFrame
 from eval.network.refine import camera_in, depth_view, refine
+from eval.training.progress import Progress
 from eval.training.segmentation.examples import Example
 from eval.training.segmentation.network import FULL_REFINEMENT_NETWORK
-from eval.training.segmentation.train import Progress
 from sensors.rig.camera import Intrinsics
 
 

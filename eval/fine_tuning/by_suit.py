@@ -19,9 +19,9 @@ from annotate.segmentation.suit_network import SuitNetwork, shipped_suit_network
 from annotate.suit.palette import suit_from_toml
 from eval.fine_tuning.run import FineTuner
 from eval.fine_tuning.training_split import CorrectedFrame
+from eval.training.progress import Progress
 from eval.training.segmentation.examples import Example, detected_example
 from eval.training.segmentation.network import FULL_SUIT_NETWORK
-from eval.training.segmentation.train import Progress
 from sensors.errors import CloudError, Setting
 from sensors.importers.open_source import open_source
 

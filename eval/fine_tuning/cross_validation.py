@@ -14,7 +14,7 @@ from annotate.effort.annotator import TOLERANCE_PX
 from eval.fine_tuning.run import FineTuner
 from eval.fine_tuning.training_split import CorrectedFrame, folds
 from eval.scores.intervals import quantile
-from eval.training.segmentation.train import Progress
+from eval.training.progress import Progress
 
 SHARES = (1.0, 0.5)  # of the way from the first to the trained network, among which held-out frames choose
 LEVEL = 0.9  # of the interval of the change

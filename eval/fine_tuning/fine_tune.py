@@ -19,7 +19,7 @@ from eval.fine_tuning.cross_validation import Gain, cross_validate
 from eval.fine_tuning.rehearsal import rehearsed_frames
 from eval.fine_tuning.run import FineTuner
 from eval.fine_tuning.training_split import corrected_frames
-from eval.training.segmentation.train import Progress
+from eval.training.progress import Progress
 from sensors.errors import ExistsError
 from sensors.files.atomic import is_taken, write_bytes
 

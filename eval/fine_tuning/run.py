@@ -18,6 +18,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.segmentation.segment import SAMPLE_M
 from eval.fine_tuning.training_split import CorrectedFrame
 from eval.fine_tuning.weights_between import between
+from eval.training.progress import Progress
 from eval.training.segmentation.augmentation import Sampling
 from eval.training.segmentation.examples import Example
 from eval.training.segmentation.network import (
@@ -26,7 +27,7 @@ from eval.training.segmentation.network import (
     export_suit_network,
     load_suit_network,
 )
-from eval.training.segmentation.train import Progress, Stage, SuitTraining, by_steps, train_stage
+from eval.training.segmentation.train import Stage, SuitTraining, by_steps, train_stage
 from sensors.errors import CloudError
 
 STEPS_EACH, MOST_STEPS = (

@@ -34,11 +34,11 @@ from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.refine import SHIPPED_REFINEMENT_NETWORK
 from eval.network.weights_file import load_weights
 from eval.training.body_targets import body_targets
-from eval.training.calibration.calibrated_export import export_calibrated
+from eval.training.calibration.calibrated_export import calibrated, export_calibrated
 from eval.training.crops import DEPTH_STEPS, Crops, to_crop
 from eval.training.expansion import expanded
 from eval.training.plan import ModernRecipe, Plan, fastest_precision
-from eval.training.segmentation.train import Progress
+from eval.training.progress import Progress
 from sensors.errors import ExistsError, FormatError, Setting
 from sensors.files.atomic import is_taken, write_bytes
 from synth.data_files import TRAINING
@@ -132,22 +132,25 @@ def adapt(sets: Sequence[TaughtFrames], out: Path, minutes: float, progress: Pro
         with progress(f"train, {unit}", left) as advance:
             last = trained(training, out / TRAINED, advance)
         judges = Judges(split, sets, list(compress(people, held.mask)))
-        gain = judges.gain_of(networks_between(start, last, out / TRIAL), progress)
+        gain = judges.gain_of(networks_between(start, last, out / TRIAL, progress), progress)
         done = Adapted(gain, out / WEIGHTS if gain.is_certain else None)
-        write(done, start, last, split.left_out)
+        write(done, start, last, split.left_out, progress)
         fields = done.fields() | {"weights": WEIGHTS if done.weights else None}
         write_bytes(out / RECORD, (json.dumps(fields, indent=1) + "\n").encode())
     return done
 
 
-def write(done: Adapted, start: Start, last: nn.Module, left_out: Crops) -> None:
+def write(done: Adapted, start: Start, last: nn.Module, left_out: Crops, progress: Progress) -> None:
     """Write the network of a result, if any. left_out: crops that it was not trained on."""
     if done.weights is None:
         return
     final = between(start.model, last, done.gain.share)
-    export_calibrated(final, start.config, start.scheme, left_out, done.weights)
-    if not done.gain.refined:
-        leave_unrefined(done.weights)
+    calibration = calibrated(final, left_out, progress)
+    with progress("export, networks", 1) as advance:
+        export_calibrated(final, start.config, start.scheme, calibration, done.weights)
+        if not done.gain.refined:
+            leave_unrefined(done.weights)
+        advance(1)
 
 
 def order_of(sets: Sequence[TaughtFrames], minutes: float) -> str:
@@ -206,12 +209,14 @@ def prepared(
     return split_of(held, checked, crops)
 
 
-def networks_between(start: Start, last: nn.Module, trial: Path) -> list[OnnxNetwork]:
+def networks_between(start: Start, last: nn.Module, trial: Path, progress: Progress) -> list[OnnxNetwork]:
     """Return the shipped network, then networks between start and last by ``SHARES``. trial: their file."""
     networks = [OnnxNetwork(start.shipped)]
-    for share in SHARES:
-        export_network(between(start.model, last, share), trial, scheme=start.scheme)
-        networks.append(OnnxNetwork(trial))
+    with progress("export, networks", len(SHARES)) as advance:
+        for share in SHARES:
+            export_network(between(start.model, last, share), trial, scheme=start.scheme)
+            networks.append(OnnxNetwork(trial))
+            advance(1)
     trial.unlink()
     return networks
 

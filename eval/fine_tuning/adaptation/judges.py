@@ -17,7 +17,7 @@ from eval.fine_tuning.adaptation.predicted_parts import predicted_parts, refinab
 from eval.fine_tuning.adaptation.scores_on_crops import scores_on_crops
 from eval.network.onnx_network import OnnxNetwork
 from eval.scores.confusion import mean_recall
-from eval.training.segmentation.train import Progress
+from eval.training.progress import Progress
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,19 @@ from annotate.scheme.scheme import UNDEFINED
 from eval.architecture.class_scores import merged_scores
 from eval.architecture.networks import scheme_of
 from eval.training.crops import Crops
+from eval.training.progress import Advance, unseen
 
+BATCH = 32  # crops computed at once
 PIXELS = 200  # of an image that count, evenly spread; untuned
 ROUNDS = 40  # halvings of the range 0.1 to 10: finer than float32
 
 
-def fitted_temperature(model: nn.Module, crops: Crops, batch: int = 32) -> float:
-    """Return the temperature for a network whose probabilities are averaged over an image and its flip."""
-    return temperature_of(*_pixels(model, crops, batch))
+def fitted_temperature(model: nn.Module, crops: Crops, advance: Advance = unseen) -> float:
+    """Return the temperature for a network whose probabilities are averaged over an image and its flip.
+
+    advance: called with the number of finished crops.
+    """
+    return temperature_of(*_pixels(model, crops, advance))
 
 
 def temperature_of(scores: Tensor, target: Tensor) -> float:
@@ -39,14 +44,14 @@ def temperature_of(scores: Tensor, target: Tensor) -> float:
     return math.exp((low + high) / 2)
 
 
-def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]:
+def _pixels(model: nn.Module, crops: Crops, advance: Advance) -> tuple[Tensor, Tensor]:
     """Return scores (2, N, K), of image and flip, and classes (N,) of some pixels of each crop."""
     model.eval()
     device = next(model.parameters()).device
     scheme, classes = crops.scheme, scheme_of(model, crops.scheme)
     twins = torch.from_numpy(scheme.twin_classes.astype(np.int64))
     scores, targets = [torch.empty(2, 0, len(twins))], [torch.empty(0, dtype=torch.long)]
-    for depth, parts in crops.batches(batch):
+    for depth, parts in crops.batches(BATCH):
         images = torch.from_numpy(depth[:, None]).to(device)
         with torch.no_grad():
             own, other = (
@@ -62,4 +67,5 @@ def _pixels(model: nn.Module, crops: Crops, batch: int) -> tuple[Tensor, Tensor]
             some = every[torch.linspace(0, max(len(every) - 1, 0), min(PIXELS, len(every))).long()]
             scores.append(image.flatten(2)[:, :, some].transpose(1, 2))
             targets.append(true.flatten()[some])
+        advance(len(depth))
     return torch.cat(scores, dim=1), torch.cat(targets)

@@ -11,22 +11,28 @@ from eval.network.flip_averaging import averaged, flipped_back
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 from eval.training.body_targets import JOINTS
+from eval.training.calibration.confidence_temperature import BATCH
 from eval.training.crops import Crops
 from eval.training.joint_loss import JointTargets
+from eval.training.progress import Advance, unseen
 
 WITHIN = 0.683  # share of a normal distribution within one standard deviation
 LEAST_JOINTS = 100  # known joints of a visibility from which its factor is fitted; untuned
 UNCHANGED = (1.0,) * len(VISIBILITIES)
 
 
-def fitted_deviation_factors(model: nn.Module, crops: Crops, batch: int = 32) -> tuple[float, ...]:
+def fitted_deviation_factors(model: nn.Module, crops: Crops, advance: Advance = unseen) -> tuple[float, ...]:
     """Return factors by ``VISIBILITIES`` with which 68 % of the joints lie within one deviation.
 
     Outputs are averaged over an image and its flip. A crop's side counts as its depth range, because a crop
-    has no camera. 1 for networks without deviations, and below ``LEAST_JOINTS``.
+    has no camera. 1 for networks without deviations, and below ``LEAST_JOINTS``. advance: called with the
+    number of finished crops.
     """
-    pairs = [_ratios(model, depth, crops, batch * k) for k, (depth, _) in enumerate(crops.batches(batch))]
-    known = [pair for pair in pairs if pair is not None]
+    known = list[tuple[Float64, UInt8]]()
+    for k, (depth, _) in enumerate(crops.batches(BATCH)):
+        if (pair := _ratios(model, depth, crops, BATCH * k)) is not None:
+            known.append(pair)
+        advance(len(depth))
     if not known:
         return UNCHANGED
     ratios, states = (np.concatenate(column) for column in zip(*known, strict=True))

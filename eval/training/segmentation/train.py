@@ -6,7 +6,6 @@ Seed, examples and stage decide every bit on one thread. Constants are untuned u
 import json
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
@@ -24,6 +23,7 @@ from annotate.scheme.scheme_file import scheme_to_fields
 from annotate.segmentation.input_channels import network_input
 from annotate.segmentation.segment import SAMPLE_M
 from eval.training.plan import Precision
+from eval.training.progress import Advance, Progress
 from eval.training.resumable_loop import Schedule, State, fit, resumed
 from eval.training.segmentation.augmentation import Sample, Sampling, draw_sample
 from eval.training.segmentation.examples import Example, ExampleFiles, Recording, store_examples
@@ -52,9 +52,6 @@ PEAK_RATE, AVERAGED = 3e-4, 0.99  # for a trained network: low, because it has l
 
 Watch = Callable[[int, float], None]
 """Called after each step with its number, from 1, and its loss."""
-Advance = Callable[[int], None]
-Progress = Callable[[str, int], AbstractContextManager[Advance]]
-"""Shows a task by name and number of steps; yields a function to call with finished steps."""
 
 
 @dataclass(frozen=True)
