@@ -117,9 +117,9 @@ def load_companion(folder: Path, intrinsics: Path | None = None) -> Companion:
     file = folder / COMPANION
     if intrinsics is not None:
         camera = read_intrinsics(intrinsics).depth
-        return replace(_stored(file), intrinsics=camera) if file.is_file() else Companion(camera)
-    if not file.is_file():
-        if not (folder / INTRINSICS).is_file():
+        return replace(_stored(file), intrinsics=camera) if file.exists() else Companion(camera)
+    if not file.exists():
+        if not (folder / INTRINSICS).exists():
             raise CalibrationError(
                 f"{folder} has neither {COMPANION} nor {INTRINSICS}; give a file holding "
                 '{"fx": FX, "fy": FY, "cx": CX, "cy": CY, "width": W, "height": H} of the depth camera',

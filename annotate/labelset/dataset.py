@@ -159,7 +159,7 @@ class Dataset:
         missing.
         """
         manifest = path / MANIFEST
-        if not manifest.is_file():
+        if not manifest.exists():
             raise FormatError(f"{path} is not a finished dataset (it has no {MANIFEST}); generate it again")
         data = read_bounded(manifest, MAX_MANIFEST_BYTES)
         try:

@@ -74,7 +74,7 @@ class LabelSet:
     def open(cls, path: str | Path) -> Self:
         """Open a label set. Raises FormatError where its manifest is missing or malformed."""
         path = Path(path)
-        if not (path / MANIFEST).is_file():
+        if not (path / MANIFEST).exists():
             raise FormatError(_no_label_set(path))
         for name in (FRAMES, ORIGINAL, LEARNT):
             if (path / name).is_symlink():
@@ -343,6 +343,6 @@ def _no_label_set(path: Path) -> str:
         return f"{path} does not exist; check its name"
     if inside := paths_in_order(manifest.parent for manifest in path.glob(f"*/{MANIFEST}")):
         return f"{path} is a folder of label sets ({len(inside)} in all); give one, e.g. {inside[0]}"
-    if (path / DATASET_MANIFEST).is_file():
+    if (path / DATASET_MANIFEST).exists():
         return f"{path} is a dataset, not a label set; give the label set that predict writes of it"
     return f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote"

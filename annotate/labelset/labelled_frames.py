@@ -15,12 +15,12 @@ LabelledFrames: TypeAlias = label_set.LabelSet | dataset.Dataset
 
 def holds_frames(path: Path) -> bool:
     """Return whether a folder is a label set or a dataset."""
-    return any((path / manifest).is_file() for manifest in (label_set.MANIFEST, dataset.MANIFEST))
+    return any((path / manifest).exists() for manifest in (label_set.MANIFEST, dataset.MANIFEST))
 
 
 def open_frames(path: Path) -> LabelledFrames:
     """Open a label set or a dataset. Raises FormatError where the path is neither, or is broken."""
-    if (path / dataset.MANIFEST).is_file():
+    if (path / dataset.MANIFEST).exists():
         return dataset.Dataset.open(path)
     return label_set.LabelSet.open(path)
 

@@ -44,7 +44,7 @@ def _found(name: str, source: Path) -> bytes | None:
     if source.suffix == ".whl":
         return _in_wheel(name, source)
     path = source / name if source.is_dir() else source
-    return read_bounded(path, MAX_BYTES, REMEDY) if path.name == name and path.is_file() else None
+    return read_bounded(path, MAX_BYTES, REMEDY) if path.name == name and path.exists() else None
 
 
 def _in_wheel(name: str, wheel: Path) -> bytes | None:

@@ -83,7 +83,7 @@ def _read(folder: Path, file: str, parse: Callable[[str], T]) -> T | None:
     """Return the parsed text of ``file``, possibly prefixed with a device's name; None without such a
     file.
     """
-    found = sorted(path for path in folder.glob(f"*{file}") if path.is_file())
+    found = sorted(folder.glob(f"*{file}"))
     if len(found) > 1:
         raise CalibrationError(f"{folder} has {len(found)} files *{file}; keep one device's file")
     if not found:

@@ -43,7 +43,7 @@ def first_intrinsics(files: list[Path], shape: tuple[int, int]) -> tuple[FoundIn
 
     Raises CalibrationError where none exists.
     """
-    file = next((file for file in files if file.is_file()), None)
+    file = next((file for file in files if file.exists()), None)
     if file is None:
         raise CalibrationError(
             f"the depth images have no intrinsics; add {files[0]} holding "

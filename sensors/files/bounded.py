@@ -21,6 +21,8 @@ def read_bounded(
     """Return a file's bytes. Raises ``error`` where the path is not a readable file of ``limit`` bytes."""
     try:
         data = _read(path, limit)
+    except IsADirectoryError as cause:
+        raise error(f"{path} is a folder, not a file; {remedy}") from cause
     except (OSError, ValueError) as cause:
         why = getattr(cause, "strerror", None) or cause
         raise error(f"{path} cannot be read ({why}); {remedy}") from cause

@@ -206,8 +206,8 @@ def _cameras(path: Path, first: Path, color: Files, thermal: Files, declared: Pa
     files = [path / name for name in INTRINSICS]
     if declared is not None:
         found, origin = read_intrinsics(declared, shape), f"intrinsics from {declared.name}"
-    elif (path / CALIBRATION).is_file():
-        stated = any(file.is_file() for file in files)
+    elif (path / CALIBRATION).exists():
+        stated = any(file.exists() for file in files)
         unit_mm = first_intrinsics(files, shape)[0].unit_mm if stated else None
         return _Cameras(load_calibration(path / CALIBRATION), unit_mm, (f"calibration from {CALIBRATION}",))
     else:
