@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from typer import BadParameter
 
-from cli.console import progress, provenance, table
+from cli.console import Block, progress, provenance, table
 from sensors.errors import CloudError
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def compared(sets: "dict[str, LabelledFrames]") -> "list[Agreement]":
         return agreements(sets, advance)
 
 
-def agreement_text(found: "Sequence[Agreement]") -> str:
+def agreement_text(found: "Sequence[Agreement]") -> Block:
     """Return a table with a column of scores for each pair of label sets."""
     from eval.report.estimates import agreement_row
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, check_room, clear, finish, progress, say, table
+from cli.console import Json, Overwrite, block, check_room, clear, finish, progress, say, table
 from cli.extras import check_extra
 from sensors.errors import FormatError
 from sensors.files.atomic import check_there
@@ -39,7 +39,7 @@ def itop(
     sets = {one: read_itop(folder, one) for one in views}
     found = {one: _measured(given, out / one, weights, overwrite, one) for one, given in sets.items()}
     result = {"views": {one: answer for one, (answer, _) in found.items()}}
-    finish(result, json, "\n\n".join(text for _, text in found.values()))
+    finish(result, json, block(*(text for _, text in found.values())))
 
 
 @app.command()
@@ -59,7 +59,7 @@ def joints(
 
     path = truth or recording / JOINTS_FILE
     check_there(recording, *([weights] if weights else []))
-    if not truth and not path.is_file():
+    if not truth and not path.exists():
         raise FormatError(f"{recording} has no {JOINTS_FILE}; give --truth FILE")
     source = open_source(recording)
     given = read_joint_truth(source, path)
@@ -114,7 +114,7 @@ def _measured(
     if means:
         texts.append(table(("trained on ITOP", "mean, %", "paper"), means))
     answer = every.to_json(given.joints) | {"frames_without_person": nobody}
-    return answer | {"visible": visible.to_json(given.joints)}, "\n\n".join(texts)
+    return answer | {"visible": visible.to_json(given.joints)}, block(*texts)
 
 
 def _percent(share: float) -> str:

@@ -38,6 +38,15 @@ NUMBER = re.compile(r"[+-]?[\d.,]+( ?%)?|-")
 DROPPED = re.compile(r"(?P<stream>\w+): (?P<lost>\d+) dropped(?:, (?P<slow>\d+) as writing was too slow)?")
 
 
+class Block(str):
+    """Text of several lines for a terminal; no name in the text breaks a line."""
+
+
+def block(*texts: str, gap: str = "\n\n") -> Block:
+    """Return texts one below the other, with ``gap`` in between; any text but a Block is one line."""
+    return Block(gap.join(text if isinstance(text, Block) else one_line(text) for text in texts))
+
+
 @contextmanager
 def progress(title: str, total: int | None) -> Iterator[Callable[[int], None]]:
     """Show progress, rate and time left of a run; yield ``advance(n)``. total: None = unknown."""
@@ -103,7 +112,7 @@ def cell(value: object, unit: str = "") -> str:
     return f"{text} {unit}" if unit else text
 
 
-def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> str:
+def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str = "") -> Block:
     """Return the lines of a table, its values as ``cell`` writes them.
 
     columns: names, with the unit if any ("time, s"). Columns of numbers are set to the right.
@@ -119,10 +128,10 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str =
     console = Console(width=shutil.get_terminal_size((WIDTH, 24)).columns, no_color=True, highlight=False)
     with console.capture() as captured:
         console.print(*([Text(one_line(title))] if title else []), shown, sep="\n")
-    return "\n".join(line.rstrip() for line in captured.get().rstrip().split("\n"))
+    return Block("\n".join(line.rstrip() for line in captured.get().rstrip().split("\n")))
 
 
-def facts(values: Mapping[str, object]) -> str:
+def facts(values: Mapping[str, object]) -> Block:
     """Return lines of two columns without a heading: names, and values as ``cell`` writes them."""
     return table(("", ""), [(name.replace("_", " "), cell(value)) for name, value in values.items()])
 
@@ -162,9 +171,9 @@ def say(*lines: str) -> None:
         print(one_line(remedied(line)), file=sys.stderr, flush=True)
 
 
-def finish(result: dict[str, Any], as_json: bool, text: str) -> None:
-    """Print a command's result: its JSON object or its lines."""
-    print(json.dumps(result, allow_nan=False) if as_json else "\n".join(map(one_line, text.split("\n"))))
+def finish(result: dict[str, Any], as_json: bool, *texts: str) -> None:
+    """Print a command's result: its JSON object, or its texts, each from a new line (``block``)."""
+    print(json.dumps(result, allow_nan=False) if as_json else block(*texts, gap="\n"))
 
 
 def finish_run(result: dict[str, Any], run: "Run", as_json: bool, text: str) -> None:

@@ -43,7 +43,7 @@ def demo(
     sets = {"automatic": result["auto"], "corrected": result["corrected"], "network": result["fcn"]}
     rows = [(name, scores["mean_recall"], scores["miou"]) for name, scores in sets.items()]
     scores = table(("labels", "mean recall", "mIoU"), rows)
-    finish(result, json, f"{scores}\n\nreport: {result['report']}")
+    finish(result, json, scores, "", f"report: {result['report']}")
 
 
 def _all_steps(out: Path, frames: int, seed: int) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def doctor(json: Json = False) -> None:
         if not one.ok:
             lines.append(f"{'':9}{'':{width}}  {one.cost}; {one.remedy}")
     works = all(one.ok for one in findings if one.name in NEEDED)
-    finish({"ok": works, "findings": [asdict(one) for one in findings]}, json, "\n".join(lines))
+    finish({"ok": works, "findings": [asdict(one) for one in findings]}, json, *lines)
 
 
 def _packages() -> list[Finding]:

@@ -95,7 +95,7 @@ def new(
     """Write a copy of a scheme, as the start of a new scheme."""
     from annotate.scheme.scheme_file import check_scheme_name, load_scheme, scheme_to_toml
 
-    check_free(file, overwrite)
+    check_free(file, overwrite, suffix=".toml")
     check_scheme_name(file.stem)
     scheme = replace(load_scheme(start), name=file.stem)
     write_bytes(file, scheme_to_toml(scheme, NEW_FILE).encode())
@@ -118,7 +118,7 @@ def colours(
     from annotate.scheme.scheme_file import read_draft, scheme_to_toml
 
     if out is not None:
-        check_free(out, overwrite)
+        check_free(out, overwrite, suffix=".toml")
     draft = read_draft(file)
     scheme = with_proposed_colors(draft.scheme, draft.uncolored)
     pairs = zip(draft.scheme.parts, scheme.parts, strict=True)
@@ -138,7 +138,6 @@ def check(file: File, json: Json = False) -> None:
     from annotate.scheme.scheme_file import faults_in
 
     faults = faults_in(file)
-    text = "\n".join(faults) or f"{file}: no faults found"
-    finish({"ok": not faults, "faults": faults}, json, text)
+    finish({"ok": not faults, "faults": faults}, json, *(faults or [f"{file}: no faults found"]))
     if faults:
         raise typer.Exit(1)

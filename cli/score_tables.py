@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping
 
-from cli.console import table
+from cli.console import Block, block, table
 from eval.compare.compare import Comparison
 from eval.compare.difference import Difference
 from eval.report.estimates import JOINT_SCORES, Estimate, estimate, joint_estimate, printed, summary_of
@@ -12,7 +12,7 @@ from eval.scores.joint_scores import GROUPS, SCORES, JointDifference, JointEstim
 OF_PARTS = {"recall": "Recall", "iou": "IoU"}
 
 
-def scores_text(comparison: Comparison, *, intervals: bool) -> str:
+def scores_text(comparison: Comparison, *, intervals: bool) -> Block:
     """Return tables of a comparison's scores: of the whole set, by part, and of joints if any.
 
     intervals: with 95 % intervals in brackets, which take some seconds.
@@ -39,10 +39,10 @@ def scores_text(comparison: Comparison, *, intervals: bool) -> str:
         *([joint_text(comparison.joints.estimates)] if comparison.joints else []),
         _extremes(recall, "best", "worst"),
     )
-    return "\n\n".join(tables)
+    return block(*tables)
 
 
-def difference_text(found: Difference) -> str:
+def difference_text(found: Difference) -> Block:
     """Return tables of A minus B: of the whole sets with Wilcoxon's p, by part, and of joints if any."""
     p = {name: "-" if value is None else f"{value:.3f}" for name, value in found.wilcoxon_p.items()}
     titles = summary_of(found.scheme)
@@ -65,10 +65,10 @@ def difference_text(found: Difference) -> str:
         *([joint_text(found.joints, sign="+")] if found.joints else []),
         _extremes(recall, "most gained", "least", sign="+"),
     )
-    return "\n\n".join(tables)
+    return block(*tables)
 
 
-def joint_text(found: JointEstimates | JointDifference, sign: str = "") -> str:
+def joint_text(found: JointEstimates | JointDifference, sign: str = "") -> Block:
     """Return a table of the scores of joints, with 95 % intervals, by visibility and by joint.
 
     The share within the largest distance is left out, so that the table fits a terminal.

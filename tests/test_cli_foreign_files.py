@@ -2,11 +2,14 @@
 
 import json
 import os
+import shutil
 
 import cv2
 import numpy as np
 import pytest
 from conftest import assert_refused, tree
+
+from cli.console import block, finish, table
 
 
 @pytest.mark.parametrize("verb", ["info", "validate", "repair", "label --out {out}", "predict --out {out}"])
@@ -55,3 +58,70 @@ def test_a_folder_in_place_of_a_file_is_named(annotate_cloud, rig_session, rig_l
     assert_refused(strip, "is a folder; give a session's file")
     (tmp_path / "out.mcap").mkdir()
     assert_refused(annotate_cloud("simulate", tmp_path / "out.mcap"), "is a folder; give the name of a file")
+
+
+@pytest.mark.parametrize("name", ["two\nlines", "up\x1b[2A"])
+def test_a_name_breaks_no_line(annotate_cloud, rig_session, rig_labels, tmp_path, name):
+    folder = tmp_path / name
+    folder.mkdir()
+    session, labels = folder / f"{name}.mcap", folder / name
+    shutil.copy(rig_session, session)
+    shutil.copytree(rig_labels.path, labels)
+    commands = [
+        ("strip", session, folder / f"{name} stripped.mcap", "--colour"),
+        ("validate", session),
+        ("convert", labels, "--scheme", "six", "--out", folder / "six"),
+        ("validate", labels),
+        ("validate", folder / "none"),
+    ]
+    for command in commands:
+        done = annotate_cloud(*command)
+        shown = done.out or done.err
+        assert shown.endswith("\n") and shown[:-1].isprintable(), done
+    (folder / "broken.mcap").write_bytes(b"")
+    problems = annotate_cloud("validate", folder).out.splitlines()
+    assert len(problems) == 1 and problems[0].startswith("broken.mcap: "), problems
+
+
+def test_each_text_of_a_result_is_one_line(capsys):
+    drawn = table(("file",), [("a\nb",), ("c",)])
+    finish({}, False, "d\ne", drawn, block(drawn, "f\rg"), "", "h")
+    rows = drawn.splitlines()
+    assert capsys.readouterr().out.splitlines() == ["d e", *rows, *rows, "", "f g", "", "h"]
+
+
+IN_PLACE_OF_FILES = """
+intrinsics.json info AT
+intrinsics.json info AT/depth.npy
+calibration.json predict AT --out AT/out
+labelset.json info AT
+labelset.json diff AT AT
+dataset.json validate AT
+dataset.json diff AT AT
+joints.jsonl benchmark joints AT --out AT/out
+pose_detection.tflite models colour --from AT
+annotate-cloud.json import AT AT/out
+intrinsics.json import AT AT/out
+"""
+"""Names of expected files, and commands that read them."""
+
+
+@pytest.mark.parametrize("line", IN_PLACE_OF_FILES.strip().splitlines())
+def test_a_folder_with_the_name_of_an_expected_file_is_named(annotate_cloud, rig_labels, tmp_path, line):
+    name, *words = line.split()
+    if words[0] == "import":
+        assert annotate_cloud("export", rig_labels.path, tmp_path, "--format", "pairs").code == 0
+        for file in ("annotate-cloud.json", "intrinsics.json"):
+            (tmp_path / file).unlink(missing_ok=True)
+    else:
+        (tmp_path / "depth").mkdir()
+        cv2.imwrite(str(tmp_path / "depth" / "0.png"), np.full((424, 512), 2000, np.uint16))
+        np.save(tmp_path / "depth.npy", np.full((1, 424, 512), 2000, np.uint16))
+    if name != "intrinsics.json":
+        numbers = {"width": 512, "height": 424, "fx": 365.0, "fy": 365.0, "cx": 254.0, "cy": 211.0}
+        (tmp_path / "intrinsics.json").write_text(json.dumps(numbers))
+    (tmp_path / name).mkdir()
+    before = tree(tmp_path)
+    done = annotate_cloud(*(word.replace("AT", str(tmp_path)) for word in words))
+    assert_refused(done, f"{tmp_path / name} is a folder", remarks=done.err.count("import: "))
+    assert tree(tmp_path) == before

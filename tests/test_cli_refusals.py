@@ -5,7 +5,7 @@ from importlib.resources import files
 from pathlib import Path
 
 import pytest
-from conftest import tree
+from conftest import assert_refused, tree
 from typer.main import get_command
 
 from cli.main import app
@@ -113,6 +113,30 @@ demo --out AT/filled --overwrite
 """
 """Commands with missing, foreign, taken or unknown files and names, and options that exclude each other."""
 
+OTHER_FORMATS = """
+.npz evaluate LABELS LABELS --out AT/out.json
+.html report LABELS LABELS --out AT/out.pdf
+.html report AT/cut.npz --out AT/out.csv
+.jsonl,.csv predict SESSION --out AT/labels --joints AT/out.txt
+.mcap simulate AT/out.bag --frames 1
+.mcap simulate AT/out.truth --frames 1 --scene plate
+.mcap record AT/out.mp4 --device virtual:kinect2 --seconds 0.1
+.mcap live --device virtual:kinect2 --no-window --record AT/out.zip --seconds 0.1
+.mcap repair SESSION --out AT/out.bag
+.mcap strip SESSION AT/out.png --colour
+.mcap export LABELS AT/out.json --format foxglove
+.mcap calibrate AT/out.bag --live --device virtual:kinect2 --out AT/rig.json
+.json calibrate SESSION --out AT/out.png
+.toml suit learn LABELS --session SESSION --out AT/out.json
+.toml scheme new AT/out.json
+.toml scheme colours paper --out AT/out.json
+.npz solve AT/notes.txt --out AT/out.c3d
+.png solve AT/notes.txt --out AT/walk.npz --picture AT/out.jpg
+.webp,.gif,.png solve AT/notes.txt --out AT/walk.npz --film AT/out.mp4
+.mcap synth film AT/notes.txt AT/out.mp4
+"""
+"""Suffixes of an output, and a command that gives it another."""
+
 
 def commands(group, path=()):
     """Yield the words of every command of the program."""
@@ -154,6 +178,19 @@ def test_a_refusal_is_one_line_and_writes_nothing(
     if done.code == 1:
         lines = done.err.splitlines()
         assert lines[-1].startswith("annotate-cloud: ") and len(lines) <= 2, done.err
+    assert tree(files_there) == before
+
+
+@pytest.mark.parametrize("command", OTHER_FORMATS.strip().splitlines())
+def test_an_output_named_as_another_format_is_refused(
+    annotate_cloud, files_there, rig_session, rig_labels, command
+):
+    before = tree(files_there)
+    wanted, *words = command.split()
+    names = {"SESSION": rig_session, "LABELS": rig_labels.path}
+    done = annotate_cloud(*(names.get(word, word.replace("AT", str(files_there), 1)) for word in words))
+    suffix = next(Path(word).suffix for word in words if "AT/out" in word)
+    assert_refused(done, f"has the suffix '{suffix}'; give a name that ends in {wanted.replace(',', ' or ')}")
     assert tree(files_there) == before
 
 

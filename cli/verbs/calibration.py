@@ -9,6 +9,7 @@ from typer import Argument, Option
 from cli.console import Json, Overwrite, finish, progress, say
 from cli.extras import needing
 from sensors.files.atomic import check_free, replacing
+from sensors.session.recording_file import SUFFIX
 
 if TYPE_CHECKING:
     from cli.guided import Guided
@@ -63,7 +64,8 @@ def calibrate(
     if not live and (rig is not None or device):
         raise typer.BadParameter("needs --live; without it, record the plate first", param_hint="--rig")
     plot = out.with_suffix(".png")
-    for path in (out, plot, *([yaml] if yaml else [])):
+    check_free(out, overwrite, suffix=".json")
+    for path in (plot, *([yaml] if yaml else [])):
         check_free(path, overwrite)
     with needing("rig"):
         import matplotlib  # noqa: F401
@@ -85,7 +87,7 @@ def _guide(guided: "Guided", plate: "HolePlate") -> "Adjusted":
     from cli.rig_devices import rig_of
 
     if guided.rig is not None or guided.device:
-        check_free(guided.board, guided.overwrite)
+        check_free(guided.board, guided.overwrite, suffix=SUFFIX)
         rig_of(guided.rig, guided.device)
     return guided.calibrate(plate)
 

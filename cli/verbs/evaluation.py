@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from annotate.scheme.scheme import Scheme
     from eval.compare.compare import Comparison
 
+RESULT, PAGE = ".npz", ".html"  # suffixes of outputs
+
 
 def evaluate(
     predicted: Annotated[Path, Argument(help="Label set or dataset; or a folder of label sets.")],
@@ -56,7 +58,7 @@ def evaluate(
         finish_each(shown, failed, json, out)
         return
     if out is not None:
-        check_free(out, overwrite)
+        check_free(out, overwrite, suffix=RESULT)
     from annotate.labelset.labelled_frames import open_frames
 
     guesses, targets = open_frames(predicted), open_frames(truth)
@@ -94,7 +96,7 @@ def _jobs(pairs: dict[str, tuple[Path, Path]], given: _Job) -> dict[str, tuple[_
     """
     jobs, out = {}, given.out
     for name, (predicted, truth) in pairs.items():
-        path = out / f"{name}.npz" if out else None
+        path = out / f"{name}{RESULT}" if out else None
         if path and not given.overwrite and _is_older(path, predicted, truth):
             raise ExistsError(
                 f"{path} is older than the labels it measures; pass --overwrite to measure again"
@@ -261,7 +263,7 @@ def report(
         raise typer.BadParameter(
             f"the number of notes is {len(notes)}, of --shown {len(sets)}; give --shown for each note"
         )
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=PAGE)
     given = [*results, *([ceiling] if ceiling else [])]
     check_there(*given, *sets)
     from eval.compare.results import check_results, load_result
@@ -289,11 +291,11 @@ def report(
 
 
 def _report_on_sets(paths: list[Path], session: Path | None, out: Path, overwrite: bool, json: bool) -> None:
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=PAGE)
     if session is not None:
         opener_at(session)
     sets = open_sets(paths)
     found = compared(sets)
     write_page(sets, found, session, out)
     pairs = [one.to_json() for one in found]
-    finish({"path": str(out), "pairs": pairs}, json, f"{agreement_text(found)}\n\n{out}")
+    finish({"path": str(out), "pairs": pairs}, json, agreement_text(found), "", str(out))

@@ -15,6 +15,7 @@ from sensors.errors import FormatError
 from sensors.files.atomic import check_free
 from sensors.importers.open_source import CLOUDS, KINDS, judged_notes, open_source, opener_at
 from sensors.importers.options import ImportOptions
+from sensors.session.recording_file import SUFFIX
 from synth.data_files import check_choice
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def import_(
     """Import a recording (out.mcap) or another tool's labels (a folder); print all assumptions."""
     options = ImportOptions(intrinsics, depth_unit, turn, mirror, subject, rate, tuple(topic or ()), axes)
     output = Output(out, overwrite, json)
-    if out.suffix.lower() == ".mcap":
+    if out.suffix.lower() == SUFFIX:
         if scheme or map_ or by_hand:
             raise BadParameter("--scheme, --map and --by-hand are for labels; name a folder as the output")
         _import_images(source, options, output)
@@ -167,7 +168,7 @@ def _export_foxglove(labels: "LabelSet", session: Path | None, output: Output) -
     from annotate.labelset.source_recording import find_session
     from eval.network.joint_files import noted_joints
 
-    check_free(output.path, output.overwrite)
+    check_free(output.path, output.overwrite, suffix=SUFFIX)
     if session is not None:
         opener_at(session)
     session = session or find_session(labels)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer import Argument
 
-from cli.console import Json, cell, event_lines, facts, finish, table
+from cli.console import Block, Json, block, cell, event_lines, facts, finish, table
 from cli.remedies import remedied
 from cli.sessions import recordings_in
 from sensors.errors import CloudError
@@ -27,7 +27,7 @@ FOLDER = "folder of recordings"
 Held = Annotated[
     Path, Argument(help="Session or folder of sessions, label set, dataset, motion, or what import reads.")
 ]
-Contents = tuple[dict[str, Any], str]  # as JSON, and as lines for people
+Contents = tuple[dict[str, Any], Block]  # as JSON, and as lines for people
 Problems = tuple[list[str], list[str]]  # problems and doubts
 
 
@@ -35,9 +35,9 @@ def info(path: Held, json: Json = False) -> None:
     """Show the contents of a path; for a label set, also the work of each person on it."""
     from annotate.labelset import dataset, label_set
 
-    if (path / label_set.MANIFEST).is_file() or any(path.glob(f"*/{label_set.MANIFEST}")):
+    if (path / label_set.MANIFEST).exists() or any(path.glob(f"*/{label_set.MANIFEST}")):
         result, text = _labels(label_set.LabelSet.open(path))
-    elif (path / dataset.MANIFEST).is_file():
+    elif (path / dataset.MANIFEST).exists():
         shards = dataset.Dataset.open(path)
         result = {"kind": "dataset", "shards": len(shards.shards), **shards.info}
         result["scheme"] = shards.scheme.name
@@ -55,9 +55,9 @@ def validate(path: Held, json: Json = False) -> None:
     from annotate.labelset import label_set as store
 
     doubts: list[str] = []
-    if (path / store.MANIFEST).is_file():
+    if (path / store.MANIFEST).exists():
         problems = store.validate(store.LabelSet.open(path))
-    elif (path / dataset.MANIFEST).is_file():
+    elif (path / dataset.MANIFEST).exists():
         problems = dataset.validate(dataset.Dataset.open(path))
     elif files := recordings_in(path, foreign=True):
         problems, doubts = _folder_problems(files)
@@ -65,7 +65,7 @@ def validate(path: Held, json: Json = False) -> None:
         problems, doubts = _source_problems(path)
     verdict = [] if problems else [f"{path}: no {'other ' if doubts else ''}problems found"]
     result = {"ok": not problems, "problems": problems, **({"doubts": doubts} if doubts else {})}
-    finish(result, json, "\n".join([*doubts, *problems, *verdict]))
+    finish(result, json, *doubts, *problems, *verdict)
     if problems:
         raise typer.Exit(1)
 
@@ -88,7 +88,7 @@ def _source(path: Path) -> Contents:
         result["subject"] = source.subject
     if (started := _started(source)) is not None:
         result["started"] = started
-    short, texts = dict(result), []
+    short, texts = dict(result), list[str]()
     if isinstance(source, Session):
         result |= {"truncated": source.truncated, "being_recorded": source.is_being_recorded}
         result["streams"] = {
@@ -98,7 +98,7 @@ def _source(path: Path) -> Contents:
         short |= _recording(source)
         texts.append(_streams(source))
     notes = result["notes"] = [remedied(note) for note in judged_notes(source)]
-    return result, "\n\n".join([facts(short), *texts, "\n".join(notes)])
+    return result, block(facts(short), *texts, block(*notes, gap="\n"))
 
 
 def _recording(session: "Session") -> dict[str, Any]:
@@ -124,7 +124,7 @@ def _started(source: "FrameSource") -> str | None:
     return datetime.fromtimestamp(first_ns / 1e9).astimezone().isoformat(" ", "seconds")
 
 
-def _streams(session: "Session") -> str:
+def _streams(session: "Session") -> Block:
     """Return a table of the streams, each with size and focal length of its camera."""
     from sensors.session.messages import COLOR, COUNTS, DEPTH, INFRARED, THERMAL
 
@@ -165,7 +165,7 @@ def _folder(files: list[Path]) -> Contents:
     ]
     head = facts({"kind": FOLDER, "recordings": len(files)})
     columns = ("file", "kind", "name", "frames", "duration")
-    return {"kind": FOLDER, "recordings": found}, "\n\n".join([head, table(columns, rows), *lines])
+    return {"kind": FOLDER, "recordings": found}, block(head, table(columns, rows), *lines)
 
 
 def _folder_problems(files: list[Path]) -> Problems:
@@ -227,7 +227,7 @@ def _labels(labels: "LabelSet") -> Contents:
     head = {"kind": "label set", "scheme": labels.scheme.name, "frames": frames, "states": states}
     source, steps = labels.info.get("source", ""), labels.info.get("steps", {})
     result: dict[str, Any] = {**head, "pixels": pixels, "source": source, "steps": steps}
-    texts = [
+    texts: list[str] = [
         facts({**head, "source": source, "steps": list(steps)}),
         table(("part", "pixels per frame"), [(part, n / max(1, frames)) for part, n in pixels.items()]),
     ]
@@ -235,7 +235,7 @@ def _labels(labels: "LabelSet") -> Contents:
         result["audit"] = found.to_json()
         texts += [_people(found), *(_parts(person) for person in found.people if person.parts)]
         texts += [f"rejected {frame_id}: {reason}" for frame_id, reason in found.rejected.items()]
-    return result, "\n\n".join(texts)
+    return result, block(*texts)
 
 
 def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], dict[str, int]]:
@@ -257,7 +257,7 @@ def _counted(labels: "LabelSet", journal: "Journal") -> tuple[dict[str, int], di
     return dict(states), {part.name: int(pixels[part.id]) for part in classes}
 
 
-def _people(found: "Audit") -> str:
+def _people(found: "Audit") -> Block:
     names = ("person", "frames", "accepted", "untouched", "s median", "s p90", "strokes", "undos", "changed")
     rows = [
         (
@@ -270,7 +270,7 @@ def _people(found: "Audit") -> str:
     return table(names, rows, "Corrections")
 
 
-def _parts(person: "PersonWork") -> str:
+def _parts(person: "PersonWork") -> Block:
     rows = [
         (name, work.strokes, f"{work.seconds:.1f}", work.gained_px, work.lost_px)
         for name, work in person.parts.items()

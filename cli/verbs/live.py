@@ -11,7 +11,7 @@ from cli.extras import check_window
 from sensors.errors import DeviceError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import open_source, opener_at
-from sensors.session.recording_file import recording_at
+from sensors.session.recording_file import SUFFIX, recording_at
 
 if TYPE_CHECKING:
     from annotate.live.live_frame import Rig
@@ -57,7 +57,7 @@ def live(
     else:
         rig_of(rig, device)
     if record is not None:
-        check_free(record, overwrite)
+        check_free(record, overwrite, suffix=SUFFIX)
     if weights is not None:
         check_there(weights)
     palette = load_suit(suit) if suit else None

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Argument, Option
 
-from cli.console import Json, Overwrite, finish, progress, say, table
+from cli.console import Block, Json, Overwrite, block, finish, progress, say, table
 from sensors.errors import CloudError
-from sensors.files.atomic import check_free, check_there
+from sensors.files.atomic import check_free, check_suffix, check_there
 
 if TYPE_CHECKING:
     from synth.markers.motion_file import MarkerReport, Motion
@@ -43,14 +43,14 @@ def solve(
     from synth.markers.motion_file import save_motion
     from synth.markers.solve import places_m
     from synth.markers.solve import solve as solve_markers
-    from synth.motion.picture import check_animation, save_animation, save_picture
+    from synth.motion.picture import ANIMATIONS, save_animation, save_picture
     from synth.motion_files.vertical_axis import given
 
-    for given_out in filter(None, (out, picture, film)):
-        check_free(given_out, overwrite)
+    for given_out, suffixes in ((out, (".npz", "")), (picture, (".png", "")), (film, ANIMATIONS)):
+        if given_out is not None:
+            check_suffix(given_out, *suffixes)
+            check_free(given_out, overwrite)
     check_there(markers, *filter(None, (static, markerset)))
-    if film is not None:
-        check_animation(film)
     recorded, standing, places = _read(markers, static, markerset)
     if up is not None:
         recorded = replace(recorded, up=given(up))
@@ -87,7 +87,7 @@ def _finish(motion: "Motion", rate: float, out: Path, json: bool) -> None:
         f"{len(motion)} frames in {out}, {rate:.0f} a second; "
         f"markers off by {report.median_mm:.1f} mm (median), {report.rms_mm:.1f} mm (rms)"
     )
-    finish(result, json, "\n".join([text, *_odd_markers(of_markers)]))
+    finish(result, json, text, *_odd_markers(of_markers))
 
 
 def _read(
@@ -111,7 +111,7 @@ def _read(
     return read_markers(markers), None if static is None else read_markers(static), chosen
 
 
-def motion_info(path: Path) -> tuple[dict[str, Any], str]:
+def motion_info(path: Path) -> tuple[dict[str, Any], Block]:
     """Return length, person, and range of every joint of a motion, as JSON and as text."""
     import numpy as np
 
@@ -139,7 +139,7 @@ def motion_info(path: Path) -> tuple[dict[str, Any], str]:
         for name, own in result["joints_deg"].items()
     ]
     lines.append(table(("joint", *(f"{angle}, deg" for angle in ANGLES)), rows))
-    return result, "\n".join(lines)
+    return result, block(*lines, gap="\n")
 
 
 def _per_marker(report: "MarkerReport") -> dict[str, dict[str, float]]:

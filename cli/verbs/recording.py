@@ -19,6 +19,7 @@ from cli.extras import check_window
 from sensors.device.address import KINDS
 from sensors.files.atomic import check_free, check_there
 from sensors.interrupt import Ending, ended_by_signals, interrupted_by_signals
+from sensors.session.recording_file import SUFFIX
 
 if TYPE_CHECKING:
     from sensors.recording.live_rig import LiveRig
@@ -56,7 +57,7 @@ def record(
     if suit is not None and not preview:
         raise typer.BadParameter("needs --preview; a recording has no palette", param_hint="--suit")
     rig_of(rig, device)
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=SUFFIX)
     palette = load_suit(suit) if suit else None
     if preview:
         check_window()
@@ -254,7 +255,7 @@ def devices(json: Json = False) -> None:
     rows = [(one.address, one.serial, one.note) for one in found]
     kinds = [(kind, known.needs.replace("`", ""), known.tested) for kind, known in KINDS.items()]
     title_of_kinds = "what can be connected (no driver has been run on hardware yet):"
-    text = table(("address", "serial", "note"), rows, title)
-    text += "\n" + table(("kind", "needs", "tested with"), kinds, title_of_kinds)
+    connected = table(("address", "serial", "note"), rows, title)
+    known = table(("kind", "needs", "tested with"), kinds, title_of_kinds)
     answer = {"devices": [asdict(one) for one in found], "kinds": {k: v._asdict() for k, v in KINDS.items()}}
-    finish(answer, json, text)
+    finish(answer, json, connected, known)

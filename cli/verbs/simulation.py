@@ -12,6 +12,7 @@ from cli.scheme import PAPER, SchemeName
 from cli.verbs.rigs import names
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free
+from sensors.session.recording_file import SUFFIX
 from synth.data_files import CASTS, TRAINING, Cast, check_choice, table
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def simulate(
         from synth.rig.plate_views import PlateViews
         from synth.rig.virtual_rig import RigOptions, VirtualRig
     cameras = template_named(rig or REFERENCE)
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=SUFFIX)
     check_choice("difficulty", difficulty, difficulties())
     parts, own = load_scheme(scheme), own_camera(camera, f"faults of {cameras.name}'s")
     if own is not None:

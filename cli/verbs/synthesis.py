@@ -19,6 +19,7 @@ from cli.verbs.simulation import CameraFile, CastName, Difficulty, difficulties,
 from sensors.errors import CloudError
 from sensors.files.atomic import check_free, check_there
 from sensors.importers.open_source import opener_at
+from sensors.session.recording_file import SUFFIX
 from synth.data_files import TRAINING, Cast, check_choice
 
 if TYPE_CHECKING:
@@ -265,7 +266,7 @@ def film(
         from synth.rig.film import FilmRig
 
     check_choice("difficulty", difficulty, difficulties())
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=SUFFIX)
     parts = load_scheme(scheme)
     check_motion(motion)
     name, moved = read_take(motion, take)

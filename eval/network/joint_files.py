@@ -12,16 +12,9 @@ from annotate.labelset.labelled_frames import LabelledFrames, camera_of, pinhole
 from eval.network.body_state import QUALITIES, BodyState, body_state_notes, joint_quality, joint_row
 from eval.scores.joint_errors import TRUE_JOINTS, true_joints_mm
 from eval.scores.joints import JOINT_NAMES
-from sensors.errors import CloudError
-from sensors.files.atomic import write_bytes
+from sensors.files.atomic import check_suffix, write_bytes
 
 KINDS = (".jsonl", ".csv")
-
-
-def check_kind(path: Path) -> None:
-    """Raise CloudError where a file's name does not end in one of ``KINDS``."""
-    if path.suffix.lower() not in KINDS:
-        raise CloudError(f"joints are written as {' or '.join(KINDS)}, not {path.name!r}; give such a name")
 
 
 def write_joints(labels: LabelledFrames, path: Path) -> int:
@@ -29,9 +22,9 @@ def write_joints(labels: LabelledFrames, path: Path) -> int:
 
     Columns: frame; person, 1 = subject; facing_deg, facing_sure, posture, posture_sure, support as in
     ``BodyState``; joints in millimetres, coordinates of the undistorted depth camera (x right, y down, z
-    forward); ``QUALITIES`` from networks that give them. Raises CloudError as ``check_kind`` does.
+    forward); ``QUALITIES`` from networks that give them. Raises CloudError for a suffix not in ``KINDS``.
     """
-    check_kind(path)
+    check_suffix(path, *KINDS)
     rows = list(_rows(labels))
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.suffix.lower() == ".csv":

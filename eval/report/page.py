@@ -13,8 +13,7 @@ from eval.report import figures, numbers
 from eval.report.estimates import in_shown_order, row_shares, shown_order
 from eval.report.gather import Material
 from eval.report.html_page import Head, Section, html_of
-from sensors.errors import CloudError
-from sensors.files.atomic import check_free, write_bytes
+from sensors.files.atomic import check_free, check_suffix, write_bytes
 
 CHARTED: Mapping[Literal["recall", "iou"], str] = {"recall": "Recall", "iou": "IoU"}
 """Scores by part with a chart."""
@@ -37,10 +36,9 @@ def write_report(path: Path, material: Material, overwrite: bool = False) -> lis
 def free_outputs(path: Path, overwrite: bool) -> list[Path]:
     """Return the paths of the page's files, the page last.
 
-    Raises ExistsError if one exists and ``overwrite`` is not set, CloudError for a table's suffix.
+    Raises ExistsError if one exists and ``overwrite`` is not set, CloudError for another suffix than .html.
     """
-    if path.suffix in numbers.SUFFIXES:
-        raise CloudError(f"{path} has the suffix of a table; give a name that ends in .html")
+    check_suffix(path, ".html", "")
     outputs = [*(path.with_suffix(suffix) for suffix in numbers.SUFFIXES), path]
     for file in outputs:
         check_free(file, overwrite)

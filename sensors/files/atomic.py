@@ -6,15 +6,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sensors.errors import ExistsError, FormatError, Setting
+from sensors.errors import CloudError, ExistsError, FormatError, Setting
 
 _TOKEN = os.urandom(4).hex()  # unpredictable, so that no link can wait at a temporary name
 
 
-def check_free(path: Path, overwrite: bool, *, folder: bool = False) -> None:
+def check_suffix(path: Path, *suffixes: str) -> None:
+    """Raise CloudError where a result's name ends in none of the suffixes; "" = a name without suffix."""
+    if path.suffix.lower() not in suffixes:
+        has = f"has the suffix {path.suffix!r}" if path.suffix else "has no suffix"
+        raise CloudError(f"{path} {has}; give a name that ends in {' or '.join(filter(None, suffixes))}")
+
+
+def check_free(path: Path, overwrite: bool, *, folder: bool = False, suffix: str = "") -> None:
     """Raise ExistsError where a result exists and ``overwrite`` is False, or where it is a folder and
-    ``folder`` is False.
+    ``folder`` is False; CloudError where its name has another suffix than ``suffix``, if any.
     """
+    if suffix:
+        check_suffix(path, suffix, "")
     if path.is_dir() and not folder:
         raise ExistsError(f"{path} is a folder; give the name of a file")
     if path.exists() and not overwrite:

@@ -15,13 +15,20 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Metadata, Schema
 
 from sensors.errors import CloudError, FormatError
-from sensors.files.atomic import check_free, replacing
+from sensors.files.atomic import check_free, check_suffix, replacing
 from sensors.session.index import MAX_MESSAGES, read_contents, scan
 from sensors.session.indexed_writer import IndexedWriter
 from sensors.session.mcap_records import HEAD, MAGIC, parsed, spans
 from sensors.session.messages import DEPTH, EVENTS, METADATA, event_from, event_message
 from sensors.session.recognise import check_no_sessions
-from sensors.session.recording_file import RecordingError, check_ended, final_of, recording_at, repaired_of
+from sensors.session.recording_file import (
+    SUFFIX,
+    RecordingError,
+    check_ended,
+    final_of,
+    recording_at,
+    repaired_of,
+)
 from sensors.session.salvage import Piece, pieces
 from sensors.session.stored_index import NAME, StoredIndex, read_index
 from sensors.session.summary import Summary, read_summary
@@ -114,6 +121,8 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
         raise FormatError(f"{path} is a folder; give a recorded session")
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
+    if out is not None:
+        check_suffix(out, SUFFIX, "")
     target = out or (repaired_of(source) if source == final_of(source) else final_of(source))
     with _opened(source) as file:
         if source == final_of(source) and not list(_problems(file)):

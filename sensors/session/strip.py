@@ -30,6 +30,7 @@ from sensors.session.messages import (
     event_message,
 )
 from sensors.session.reader import Session
+from sensors.session.recording_file import SUFFIX
 from sensors.session.repair import Copier
 
 COLOURS, TEMPERATURES = frozenset({COLOR, INFRARED}), frozenset({THERMAL, COUNTS, PYROMETER})
@@ -81,7 +82,7 @@ def strip(
     """
     session = Session(path)
     _check(session, out, removal)
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=SUFFIX)
     done = Stripped()
     out.parent.mkdir(parents=True, exist_ok=True)
     with replacing(out, overwrite) as temporary:

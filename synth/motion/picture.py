@@ -6,8 +6,7 @@ import cv2
 import numpy as np
 
 from annotate.array_types import Float64, Int64, UInt8
-from sensors.errors import CloudError
-from sensors.files.atomic import write_bytes
+from sensors.files.atomic import check_suffix, write_bytes
 from synth.body.body import pose
 from synth.body.body_picture import INK, PAPER, draw_body
 from synth.body.body_picture import save_picture as save_png
@@ -30,18 +29,12 @@ def save_picture(path: Path, motion: Motion, markers_m: Float64) -> None:
     save_png(path, np.vstack([np.hstack(row) for row in rows]))
 
 
-def check_animation(path: Path) -> None:
-    """Raise CloudError for a name without an animation's suffix."""
-    if path.suffix.lower() not in ANIMATIONS:
-        raise CloudError(f"{path} is not an animation; give {', '.join(ANIMATIONS)}")
-
-
 def save_animation(path: Path, motion: Motion, markers_m: Float64) -> None:
     """Write an animation of a motion's beginning with its markers (F, M, 3), in front and side view.
 
     Raises CloudError for another suffix than ``ANIMATIONS``.
     """
-    check_animation(path)
+    check_suffix(path, *ANIMATIONS)
     every = max(1, round(motion.frames_per_second / FILM_PER_SECOND))
     moments = np.arange(0, len(motion), every)[: round(LONGEST_S * FILM_PER_SECOND)]
     front, side = (_views(motion, markers_m, moments, azimuth) for azimuth in _AZIMUTHS)

@@ -6,6 +6,7 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from cli.console import finish
 from cli.extras import check_extra, needing
 from sensors.importers.open_source import opener_at
 
@@ -37,7 +38,7 @@ def fix(
     command = learn_command(labels, recording, model)
     correction = Correction.open(labels, who, read_only=read_only)
     states = run_window(correction, recording, compare, LearnCommand(command, model / "labels"))
-    print(f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
+    finish({}, False, f"{labels}: " + ", ".join(f"{count} {state}" for state, count in states.items()))
 
 
 def learn_command(labels: Path, session: Path | None, model: Path) -> tuple[str, ...]:

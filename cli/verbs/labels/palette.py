@@ -48,7 +48,7 @@ def learn(
         suit_from_photo,
     )
 
-    check_free(out, overwrite)
+    check_free(out, overwrite, suffix=".toml")
     if swatches is not None and labels is None and session is None and not frame:
         check_there(swatches)
         palette = suit_from_photo(swatches, out.stem, load_scheme(str(scheme or PAPER)))

@@ -13,7 +13,7 @@ from typer import Argument, Option
 from cli.console import Json, Names, Overwrite, check_room, clear, finish_run, progress, say
 from cli.sessions import EachOptions, Scheduler, label_each, open_recording, sessions_in
 from cli.verbs.labels.label_options import Labels, Window
-from sensors.files.atomic import check_free, check_there
+from sensors.files.atomic import check_free, check_suffix, check_there
 from sensors.importers.open_source import doubts_of
 
 if TYPE_CHECKING:
@@ -126,10 +126,10 @@ def predict(
 ) -> None:
     """Label depth images with a network; label sets and datasets keep their outlines of the person."""
     from annotate.labelset import label_set as store
-    from eval.network.joint_files import check_kind, write_joints
+    from eval.network.joint_files import KINDS, write_joints
 
     if joints is not None:
-        check_kind(joints)
+        check_suffix(joints, *KINDS)
         check_free(joints, overwrite)
     choices = PredictChoices(weights, window, probabilities, everybody, again, learnt, scheme)
     given = [path for path in (weights, learnt) if path]

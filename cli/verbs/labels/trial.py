@@ -59,14 +59,15 @@ def try_(
         "pairs": [one.to_json() for one in found],
         "report": str(out / REPORT),
     }
-    lines = [agreement_text(found), "", f"report: {out / REPORT}"]
+    texts = [agreement_text(found), "", f"report: {out / REPORT}"]
     if adapt:
         done = adapted([out / BY_COLOUR], out / ADAPTED, ADAPT_MINUTES)
         result["adapted"] = done.fields()
-        lines.append(f"adapted: {adapted_text(done)}")
+        texts.append(f"adapted: {adapted_text(done)}")
     result["commands"] = next_commands(out, session)
-    lines += [f"{title}:\n  {command}" for title, command in result["commands"].items()]
-    finish(result, json, "\n".join(lines))
+    for title, command in result["commands"].items():
+        texts += [f"{title}:", f"  {command}"]
+    finish(result, json, *texts)
     if failed:
         raise typer.Exit(3)
 
