@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -22,6 +23,33 @@ def test_pipes_and_devices_are_refused_at_once(annotate_cloud, tmp_path, verb, k
         path.symlink_to("/dev/zero")
     name, *words = verb.format(out=tmp_path / "out").split()
     assert_refused(annotate_cloud(name, path, *words), f"{path} is a pipe or a device")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "models colour --from x.whl",
+        "models colour --from pose_detection.tflite",
+        "label {session} --by x.onnx --out out",
+        "compare x.npz x.npz",
+        "report x.npz --out out",
+        "solve x.npz --out out",
+        "train {labels} --out out --init x.safetensors",
+    ],
+)
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_pipes_and_devices_in_place_of_files_are_refused(
+    annotate_cloud, rig_session, rig_labels, tmp_path, monkeypatch, command, kind
+):
+    monkeypatch.chdir(tmp_path)
+    words = command.format(session=rig_session, labels=rig_labels.path).split()
+    name = next(word for word in words if word.startswith(("x.", "pose_")))
+    if kind == "pipe":
+        os.mkfifo(name)
+    else:
+        Path(name).symlink_to("/dev/zero")
+    assert_refused(annotate_cloud(*words), f"{name} is not a file")
+    assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
 @pytest.mark.parametrize(

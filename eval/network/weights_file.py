@@ -17,6 +17,7 @@ from eval.architecture.networks import NetworkConfig, build, config_from, descri
 from eval.architecture.reference_networks import SmpConfig
 from sensors.errors import CloudError, FormatError, fault_of
 from sensors.files.atomic import replacing
+from sensors.files.bounded import check_file
 
 
 class Weights(NamedTuple):
@@ -117,6 +118,7 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Return the tensors and the metadata of a safetensors file. Raises FormatError where it is not such a
     file or is cut off.
     """
+    check_file(path, "give weights that train wrote")
     try:
         with safe_open(path, framework="pt") as file:
             return {name: file.get_tensor(name) for name in file.keys()}, file.metadata() or {}  # noqa: SIM118

@@ -33,6 +33,14 @@ def read_bounded(
     return data
 
 
+def check_file(path: Path, remedy: str) -> None:
+    """Raise FormatError for a folder, for a pipe, which may block, and for a device, which may never end."""
+    if path.is_dir():
+        raise FormatError(f"{path} is a folder, not a file; {remedy}")
+    if path.exists() and not path.is_file():
+        raise FormatError(f"{path} is not a file; {remedy}")
+
+
 def _read(path: Path, limit: int) -> bytes | None:
     """Return at most ``limit`` + 1 bytes; None for pipes, which may block, and devices, which never end."""
     with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:

@@ -9,10 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import FormatError
+from sensors.files.bounded import check_file
 
 
 def array_sizes(path: Path, remedy: str) -> dict[str, int]:
     """Return the unpacked bytes of each array. Raises FormatError where the file is not an archive."""
+    check_file(path, remedy)
     try:
         with ZipFile(path) as archive:
             return {member.filename.removesuffix(".npy"): member.file_size for member in archive.infolist()}
