@@ -52,6 +52,17 @@ def test_pipes_and_devices_in_place_of_files_are_refused(
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize("target", ["out.mcap", "nowhere/out.mcap"])
+def test_a_link_to_nothing_is_not_replaced_unasked(annotate_cloud, rig_session, tmp_path, target):
+    out = tmp_path / "out.mcap"
+    out.symlink_to(tmp_path / target)
+    refused = annotate_cloud("strip", rig_session, out, "--colour")
+    assert_refused(refused, f"{out} already exists; choose another name")
+    assert out.is_symlink() and len(list(tmp_path.iterdir())) == 1
+    assert annotate_cloud("strip", rig_session, out, "--colour", "--overwrite").code == 0
+    assert out.is_file() and not out.is_symlink()
+
+
 @pytest.mark.parametrize(
     ("name", "value"), [("fx", "NaN"), ("fx", "1e999"), ("width", "-5"), ("cy", "-Infinity")]
 )

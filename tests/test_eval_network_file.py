@@ -30,8 +30,8 @@ TINY = CompactConfig((4, 6, 6), 1)
 
 
 def test_absent_weights_and_pipes_are_refused_at_once(tmp_path):
-    for path in (tmp_path / "absent.onnx", tmp_path):
-        with pytest.raises(FormatError, match="cannot be read"):
+    for path, why in ((tmp_path / "absent.onnx", "cannot be read"), (tmp_path, "is a folder")):
+        with pytest.raises(FormatError, match=why):
             OnnxNetwork(path)
     os.mkfifo(tmp_path / "w.onnx")
     with pytest.raises(FormatError, match="is not a file"):

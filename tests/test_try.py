@@ -62,6 +62,9 @@ def test_wrong_recordings_are_refused_before_anything_is_written(
     write_image_folder(folder, Session(rig_session))
     shutil.rmtree(folder / "color")
     assert_refused(annotate_cloud("try", folder, "--out", out), "register colour to depth")
+    assert annotate_cloud("strip", rig_session, tmp_path / "grey.mcap", "--colour").code == 0
+    grey = annotate_cloud("try", tmp_path / "grey.mcap", "--out", out)
+    assert_refused(grey, f"{tmp_path / 'grey.mcap'} has no colour images; give a recording with colour")
     (tmp_path / "many").mkdir()
     shutil.copy(rig_session, tmp_path / "many")
     several = annotate_cloud("try", tmp_path / "many", "--out", out)

@@ -26,7 +26,7 @@ def check_free(path: Path, overwrite: bool, *, folder: bool = False, suffix: str
         check_suffix(path, suffix, "")
     if path.is_dir() and not folder:
         raise ExistsError(f"{path} is a folder; give the name of a file")
-    if path.exists() and not overwrite:
+    if os.path.lexists(path) and not overwrite:  # a dangling link too
         raise ExistsError(f"{path} already exists; choose another name", Setting.OVERWRITE)
 
 

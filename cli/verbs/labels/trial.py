@@ -75,11 +75,17 @@ def try_(
 def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":
     """Label a recording by colour and by depth; return both runs by name, and the labelled session."""
     from annotate.witness.coloured_cloud import ColourFuser
+    from sensors.session.messages import COLOR
+    from sensors.session.reader import Session
 
     if several := recordings_in(recording):
         raise CloudError(f"{recording} is a folder of {len(several)} sessions; give one, e.g. {several[0]}")
     source = open_recording(recording, names=False)
     ColourFuser(source.calibration)  # refuses colour that is neither aligned nor calibrated
+    if isinstance(source, Session) and COLOR not in source.streams:
+        raise CloudError(
+            f"{recording} has no colour images; give a recording with colour, or label by depth: predict"
+        )
     by_colour = LabelChoices(by=COLOUR).work()
     _begin(out, recording)
     source, session = _as_session(source, recording, out)
