@@ -97,6 +97,11 @@ def main() -> None:
         # The reader of the output has ended.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
+    except RuntimeError as error:
+        # Until Python 3.12, pathlib raises it for links that lead back to themselves.
+        if "Symlink loop" not in str(error):
+            raise
+        _fail(f"{error}; check the path")
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
         remedy = {

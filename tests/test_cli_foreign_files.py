@@ -52,6 +52,15 @@ def test_pipes_and_devices_in_place_of_files_are_refused(
     assert [path.name for path in tmp_path.iterdir()] == [name]
 
 
+@pytest.mark.parametrize("command", ["learn {labels}", "convert {labels} --scheme six", "label {session}"])
+def test_a_link_in_a_circle_is_refused(annotate_cloud, rig_session, rig_labels, tmp_path, command):
+    (loop := tmp_path / "loop").symlink_to(tmp_path / "loop")
+    words = command.format(labels=rig_labels.path, session=rig_session).split()
+    refused = annotate_cloud(*words, "--out", loop)
+    assert_refused(refused, loop, "check the path", remarks=len(refused.err.splitlines()) - 1)
+    assert loop.is_symlink() and len(list(tmp_path.iterdir())) == 1
+
+
 @pytest.mark.parametrize("target", ["out.mcap", "nowhere/out.mcap"])
 def test_a_link_to_nothing_is_not_replaced_unasked(annotate_cloud, rig_session, tmp_path, target):
     out = tmp_path / "out.mcap"
