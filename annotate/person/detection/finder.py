@@ -106,7 +106,7 @@ def _is_cut_out(depth_m: Float32, focal_px: tuple[float, float]) -> bool:
 
 def _grid(side: int, focal_px: float) -> Float64:
     """Return the coordinates (n,) along an image's side that resample its focal length to ``FOCAL_PX``."""
-    step = max(focal_px / FOCAL_PX, 1.0)
+    step = focal_px / FOCAL_PX
     count = max(1, round(side / step))
     return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(0, side - 1), np.float64)
 

@@ -13,19 +13,21 @@ from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.person.detection.finder_network import FOCAL_PX, network_input
 from eval.training.finder.warm import degraded_warmth, random_warmth
 
-HEIGHT, WIDTH = 192, 256  # of a training image
-LEAST_PX, FARTHEST_M = 20, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
+STORED_FOCAL_PX = 183.0  # of a stored image, about that of a coarse cloud
+HEIGHT, WIDTH = 240, 320  # of a training image
+MOST_SHIFT_PX = (41, 32)  # right, down
+LEAST_PX, FARTHEST_M = 45, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
 CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.2, 0.35, 0.4  # cumulative shares: people or a thing alone, nothing far, near
 THING_ALONE = 0.5  # share of cut-outs with a thing in place of the people
-LEAST_THING_PX = 400  # of such a thing
+LEAST_THING_PX = 900  # of such a thing
 FIRST_THING = 32  # number of a thing's surface, less 1; people have lower ones
 NEARER, MOST_NEARER = 0.4, 0.9  # share of images from nearer, and the largest log factor
 PERSON_WEIGHT = 0.5  # extra weight of a person's pixels in the loss
-USUAL_PX, MOST_MORE = 2000.0, 4.0  # person's pixels below which the weight grows by their root; most growth
+USUAL_PX, MOST_MORE = 4500.0, 4.0  # person's pixels below which the weight grows by their root; most growth
 FEELABLE = 0.6  # share of rooms with random warmth; the others have none
 
 Image: TypeAlias = tuple[UInt16, NDArray[np.float16], UInt8]
-"""Depth in millimetres, warmth and surfaces (h, w) of a scene at the finder's focal length.
+"""Depth in millimetres, warmth and surfaces (h, w) of a scene at ``STORED_FOCAL_PX``.
 
 Surfaces: number of a person from 1 on, of a thing from ``FIRST_THING`` on, 0 = neither.
 """
@@ -112,10 +114,11 @@ def _moved(
 ) -> tuple[Float32, Float32, UInt8]:
     """Return depth in metres, warmth and surfaces after random zoom, turn, shift, flip and change of size."""
     nearer = np.exp(rng.uniform(0, MOST_NEARER)) if rng.random() < NEARER else 1.0
-    zoom, turn = nearer * np.exp(rng.uniform(-0.22, 0.22)), np.radians(rng.normal(0, 5))
+    zoom = FOCAL_PX / STORED_FOCAL_PX * nearer * np.exp(rng.uniform(-0.22, 0.22))
+    turn = np.radians(rng.normal(0, 5))
     c, s, mirror = np.cos(turn) / zoom, np.sin(turn) / zoom, rng.choice((-1, 1))
     linear = np.array([[c * mirror, -s], [s * mirror, c]])
-    (height, width), shift = depth_mm.shape, rng.uniform((-33, -26), (33, 26))
+    (height, width), shift = depth_mm.shape, rng.uniform(-1, 1, 2) * MOST_SHIFT_PX
     middle = np.array([width - 1, height - 1]) / 2 - linear @ (np.array([WIDTH - 1, HEIGHT - 1]) / 2 + shift)
     source_from_image = np.column_stack([linear, middle])
     flags = cv2.WARP_INVERSE_MAP | cv2.INTER_NEAREST
@@ -150,7 +153,7 @@ def _cut_out(whose: UInt8, rng: np.random.Generator) -> Bool:
     person = _persons(whose) > 0
     pixels = np.bincount(whose.ravel(), minlength=256)
     things = np.flatnonzero(pixels[FIRST_THING:] >= LEAST_THING_PX) + FIRST_THING
-    rim = int(rng.integers(-2, 4))
+    rim = int(rng.integers(-3, 6))
     change, square = cv2.dilate if rim > 0 else cv2.erode, np.ones((abs(rim) + 1,) * 2, np.uint8)
     if len(things) and (not person.any() or rng.random() < THING_ALONE):
         thing = whose == things[int(rng.integers(len(things)))]
@@ -166,7 +169,7 @@ def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
     depth = depth.copy()
     if rng.random() < 0.15:
         top, left = rng.integers((HEIGHT, WIDTH))
-        height, width = rng.integers(12, 90, 2)
+        height, width = rng.integers(15, 112, 2)
         depth[top : top + height, left : left + width] = 0
     if rng.random() < 0.15:
         depth[rng.random(depth.shape) < rng.uniform(0, 0.2)] = 0
@@ -174,7 +177,7 @@ def _worn(depth: Float32, rng: np.random.Generator) -> Float32:
         noise = rng.normal(0, rng.uniform(0, 0.012), depth.shape)
         depth = np.where(depth > 0, np.maximum(depth + noise, 0), 0).astype(np.float32)
     if rng.random() < 0.15:
-        cut, borders = int(rng.integers(15, 90)), (np.s_[:, :], np.s_[::-1], np.s_[:, ::-1])
+        cut, borders = int(rng.integers(19, 112)), (np.s_[:, :], np.s_[::-1], np.s_[:, ::-1])
         turned = depth.T if rng.random() < 0.5 else depth
         turned[borders[int(rng.integers(3))]][:cut] = 0
     return depth

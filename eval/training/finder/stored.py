@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from annotate.array_types import UInt8
-from annotate.person.detection.finder_network import FOCAL_PX
-from eval.training.finder.images import FIRST_THING, Image, SceneImages
+from eval.training.finder.images import FIRST_THING, STORED_FOCAL_PX, Image, SceneImages
 from eval.training.rooms.close_rooms import close_scenes
 from eval.training.rooms.empty_rooms import empty_scenes
 from eval.training.rooms.scenes import Scene, rig_scenes, room_scenes
@@ -66,8 +65,8 @@ def _loaded(path: Path) -> list[Image]:
 
 
 def image_of(scene: Scene) -> Image:
-    """Return a scene resampled to the focal length ``FOCAL_PX`` of the finder's input."""
-    scale = FOCAL_PX / scene.camera.fx
+    """Return a scene resampled to the focal length ``STORED_FOCAL_PX``."""
+    scale = STORED_FOCAL_PX / scene.camera.fx
     v, u = (
         np.minimum(((np.arange(round(side * scale)) + 0.5) / scale).astype(int), side - 1)
         for side in scene.depth_mm.shape
