@@ -14,7 +14,7 @@ from annotate.person.detection.finder_network import FOCAL_PX, network_input
 from eval.training.finder.warm import degraded_warmth, random_warmth
 
 STORED_FOCAL_PX = 183.0  # of a stored image, about that of a coarse cloud
-HEIGHT, WIDTH = 240, 320  # of a training image
+HEIGHT, WIDTH = 256, 320  # of a training image
 MOST_SHIFT_PX = (41, 32)  # right, down
 LEAST_PX, FARTHEST_M = 45, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
 CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.2, 0.35, 0.4  # cumulative shares: people or a thing alone, nothing far, near
