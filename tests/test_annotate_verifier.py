@@ -14,7 +14,7 @@ from eval.training.finder.verification import (
     augmented,
     export_verifier,
 )
-from eval.training.finder.verification_examples import candidates_in_depth, examples_of, is_person
+from eval.training.finder.verification_examples import candidates_in_depth, examples_of, is_person, truths
 from sensors.rig.camera import Intrinsics
 from tests.helpers.furnished_room import seen
 
@@ -55,6 +55,15 @@ def test_a_candidate_is_a_person_if_half_of_it_is_one_person():
         assert is_person(mask, persons) is truth
     mask[:, :55] = False
     assert is_person(mask, persons) is False
+
+
+def test_of_two_candidates_on_a_person_the_larger_one_is_the_person():
+    persons = np.zeros((10, 100), np.uint8)
+    persons[:, :30], persons[:, 30:60] = 1, 2
+    spans = ((0, 20), (20, 30), (30, 58), (60, 90))
+    masks = [np.isin(np.arange(1000) % 100, np.arange(*span)).reshape(10, 100) for span in spans]
+    assert truths(masks, persons) == [True, False, True, False]
+    assert truths([], persons) == []
 
 
 def test_examples_are_the_candidates_of_images_with_the_truth():

@@ -1,10 +1,9 @@
 """Fit the odds of detected persons: ``python -m tools.finder.person_odds SEED ROOMS``.
 
 SEED: of the first of ROOMS groups of ten random and ten close rooms, training cast; give rooms that neither
-network was trained on. A detection is a person as in ``eval.training.finder.verification_examples``. Only the
-largest detection of a person counts; the others are false. The tool fits on three of four groups and prints
-the scores on the fourth. Then it fits on all groups and writes odds.json, one model for each number of
-stages.
+network was trained on. A detection is a person as in ``eval.training.finder.verification_examples``. The
+tool fits on three of four groups and prints the scores on the fourth. Then it fits on all groups and writes
+odds.json, one model for each number of stages.
 """
 
 import json
@@ -22,7 +21,7 @@ from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.person.detection.finder import find_people
 from annotate.person.detection.odds import FEATURES, LIKELY_ODDS, ONE_STAGE, SURE_ODDS, TWO_STAGES, Evidence
-from eval.training.finder.verification_examples import is_person
+from eval.training.finder.verification_examples import truths
 from eval.training.rooms.close_rooms import close_scenes
 from eval.training.rooms.scenes import Scene, room_scenes
 from sensors.rig.rig_calibration import RigCalibration
@@ -39,12 +38,10 @@ def examples(scene: Scene) -> Iterator[tuple[Evidence, bool]]:
     unfelt = np.full(cloud.cloud.depth_mm.shape, np.nan, np.float32)
     persons = np.where(cloud.pixel >= 0, scene.persons.ravel()[cloud.pixel], np.uint8(0))
     people = find_people(cloud.cloud, unfelt, least_odds=-np.inf)
-    shown = np.array([np.bincount(persons[person.mask], minlength=256)[1:] for person in people])
-    for person, pixels in zip(people, shown, strict=True):
-        truth = is_person(person.mask, persons)
+    known = truths([person.mask for person in people], persons)
+    for person, truth in zip(people, known, strict=True):
         if truth is not None:
-            number = pixels.argmax()
-            yield person.evidence, truth and bool(pixels[number] == shown[:, number].max())
+            yield person.evidence, truth
 
 
 def fitted(features: Float64, is_person: Bool) -> Float64:

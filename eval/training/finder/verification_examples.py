@@ -1,10 +1,11 @@
 """Examples for the second stage: the finder's candidates in augmented images, with the truth.
 
-A candidate is true if at least half of its pixels show one person. It is false if less than a fifth show
-people. Other candidates are left out.
+A candidate is true if at least half of its pixels show one person and no other candidate shows more of that
+person. It is false if less than a fifth show people, or if it is a smaller piece of a person. Other
+candidates are left out.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
@@ -30,6 +31,19 @@ def is_person(mask: Bool, persons: UInt8) -> bool | None:
     return bool(shares.max() >= OF_ONE)
 
 
+def truths(masks: Sequence[Bool], persons: UInt8) -> list[bool | None]:
+    """Return of each candidate of an image whether it is true; None = left out.
+
+    masks: their pixels (h, w). persons: person numbers (h, w), 0 = no person.
+    """
+    shown = np.array([np.bincount(persons[mask], minlength=256)[1:] for mask in masks])
+    found: list[bool | None] = []
+    for mask, pixels in zip(masks, shown, strict=True):
+        truth, number = is_person(mask, persons), pixels.argmax()
+        found.append(truth and bool(pixels[number] == shown[:, number].max()))
+    return found
+
+
 def examples_of(images: Iterable[Image], rng: np.random.Generator) -> Examples:
     """Return the candidates in each image, augmented once, with the truth."""
     rows = [row for image in images for row in _rows(image, rng)]
@@ -40,8 +54,8 @@ def examples_of(images: Iterable[Image], rng: np.random.Generator) -> Examples:
 def _rows(image: Image, rng: np.random.Generator) -> Iterator[tuple[Float32, bool]]:
     depth_m, persons = augmented_depth(image, rng)
     candidates = candidates_in_depth(depth_m)
-    for mask in candidates.masks().values():
-        truth = is_person(mask, persons)
+    masks = list(candidates.masks().values())
+    for mask, truth in zip(masks, truths(masks, persons), strict=True):
         if truth is not None:
             yield candidates.crop(mask), truth
 
