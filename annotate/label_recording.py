@@ -159,9 +159,7 @@ class SuitLabeller:
 
     def detect(self, cloud: ThermalCloud) -> SuitDetection:
         """Detect the persons of a cloud, from this frame alone."""
-        # The suit network redraws the outline, so one pass of the person network suffices.
-        passes = self.suit is not None
-        persons = PersonDetection(CoarseCloud.of(cloud), self.window_c, self.suit, single_pass=passes)
+        persons = PersonDetection(CoarseCloud.of(cloud), self.window_c, self.suit)
         likely = persons.person(None)
         seen = view_of(cloud, persons, likely) if self.suit is not None and likely.trusted else None
         return SuitDetection(cloud, persons, likely, seen)

@@ -179,7 +179,7 @@ def labelling_by(suit: Suit | None, weights: Path | None = None) -> Labelling:
     network = OnnxNetwork(weights or SHIPPED_WEIGHTS, flip=False)
     network = network.in_scheme(network.usual_scheme)
     if suit is None:
-        coarse = NetworkLabeller(network, single_pass=True)
+        coarse = NetworkLabeller(network)
         return Labelling(lambda cloud, before: label_cloud(coarse, CoarseCloud.of(cloud), before), _body_pose)
     labeller = SuitLabeller(suit, single_pass=True)
     say(*labeller.notes)

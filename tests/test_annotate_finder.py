@@ -10,7 +10,13 @@ import pytest
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.person.detection import candidates, finder
-from annotate.person.detection.finder_network import DEPTH_INPUTS, _network, network_input, odds_and_votes
+from annotate.person.detection.finder_network import (
+    DEPTH_INPUTS,
+    FOCAL_PX,
+    _network,
+    network_input,
+    odds_and_votes,
+)
 from annotate.person.detection.odds import KEPT_ODDS, Evidence
 from annotate.person.detection.votes import MOST_PERSONS, Voters, grouped
 from annotate.person.extract import PersonDetection
@@ -28,14 +34,11 @@ def iou(found, truth):
     return (found & truth).sum() / (found | truth).sum()
 
 
-def test_a_person_in_a_furnished_room_is_found_also_in_a_single_pass():
+def test_a_person_in_a_furnished_room_is_found():
     depth, whose = seen([(1, 0.0)])
-    coarse = CoarseCloud.of(cloud_of(depth))
-    found, fast = (PersonDetection(coarse, single_pass=fast).person() for fast in (False, True))
+    found = survey_of(cloud_of(depth)).person()
     assert found.method == "depth" and found.trusted and "depth alone" in found.notes[0]
-    for one in (found, fast):
-        assert iou(one.mask, whose == 1) > 0.9 and not one.others.any()
-    assert iou(fast.mask, found.mask) > 0.95 and (fast.mask != found.mask).any()
+    assert iou(found.mask, whose == 1) > 0.9 and not found.others.any()
 
 
 def test_empty_images_show_no_person():
@@ -56,17 +59,18 @@ def test_two_who_stand_side_by_side_are_two(apart, is_felt):
     assert iou(found.mask, whose == one) > 0.85 and iou(found.others, whose == other) > 0.85
 
 
-def test_an_image_and_its_mirror_image_have_the_same_odds_and_votes_turned():
-    depth, whose = seen([(1, -0.3), (2, 0.4)])
-    points, felt = np.nan_to_num(cloud_of(depth).points_m), (whose > 0).astype(np.float32)
+def test_an_image_and_its_mirror_image_have_about_the_same_odds_and_votes_turned():
+    camera = Intrinsics(384, 318, FOCAL_PX, FOCAL_PX, 191.5, 158.5)
+    depth, whose = seen([(1, -0.3), (2, 0.4)], camera=camera)
+    points, felt = np.nan_to_num(cloud_of(depth, camera).points_m), (whose > 0).astype(np.float32)
     odds, votes = odds_and_votes(points, felt)
     other_odds, other_votes = odds_and_votes(
         points[:, ::-1] * np.array([-1, 1, 1], np.float32), felt[:, ::-1]
     )
-    np.testing.assert_allclose(other_odds[:, ::-1], odds, atol=1e-5)
+    assert iou(other_odds[:, ::-1] > 0, odds > 0) > 0.9
     # Of two columns side by side the left one votes.
     away = np.abs(other_votes[:, ::-1] * (-1, 1, 1) - votes)[odds[::2, ::2] > 0]
-    assert (odds > 0).sum() > 1000 and np.median(away) < 0.02
+    assert (odds > 0).sum() > 2000 and np.median(away) < 0.04
     for number in (1, 2):
         middle = points[(whose == number) & (points[..., 2] > 0)].mean(axis=0)
         assert np.median(np.linalg.norm(votes[whose[::2, ::2] == number] - middle, axis=1)) < 0.12
@@ -194,7 +198,7 @@ def test_more_candidates_than_numbers_of_persons_and_unusual_cameras_are_no_erro
         camera = Intrinsics(9, 7, focal_px, focal_px, 4.0, 3.0)
         assert finder.find_people(cloud_of(np.full((7, 9), 65.535), camera), unfelt[:7, :9]) == []
 
-    def votes_apart(points_m, warmth, single_pass):
+    def votes_apart(points_m, warmth):
         return np.full(points_m.shape[:2], 5, np.float32), 3 * points_m[::2, ::2]
 
     monkeypatch.setattr(finder, "odds_and_votes", votes_apart)

@@ -113,8 +113,8 @@ def test_without_colour_labels_do_not_depend_on_the_suit(clouds):
 
 
 def test_the_subject_of_two_persons_is_chosen_without_the_suit_that_is_cut(clouds, monkeypatch):
-    def find_halves(cloud, warmth, single_pass):
-        (person,) = find_people(cloud, warmth, single_pass=single_pass)
+    def find_halves(cloud, warmth):
+        (person,) = find_people(cloud, warmth)
         top, end = np.flatnonzero(person.mask.any(axis=1))[[0, -1]]
         upper = np.arange(len(person.mask))[:, None] < (top + end) // 2
         return [replace(person, mask=person.mask & side) for side in (upper, ~upper)]

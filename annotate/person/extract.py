@@ -54,7 +54,6 @@ class PersonDetection:
     window_c: lowest and highest surface temperature of a person; None = from the frame. Without pixels in
     this range no person is found. suit: suit of the subject, which distinguishes the subject from others.
     everybody: label all persons; the earlier subject keeps id 1, and no clear subject is required.
-    single_pass: as in ``find_people``.
     """
 
     def __init__(
@@ -64,7 +63,6 @@ class PersonDetection:
         suit: Suit | None = None,
         *,
         everybody: bool = False,
-        single_pass: bool = False,
     ) -> None:
         self.cloud, self._coarse, self._everybody = cloud, cloud.cloud, everybody
         self._suit = suit
@@ -76,7 +74,7 @@ class PersonDetection:
         self.warmth = warmth(self._coarse.temperature_c, self.window_c)
         """Warmth (h, w) of the coarse cloud's points."""
         is_cold = self._is_felt and not self._warm.any()
-        self._persons = [] if is_cold else find_people(self._coarse, self.warmth, single_pass=single_pass)
+        self._persons = [] if is_cold else find_people(self._coarse, self.warmth)
         self._misaligned = self._misalignment() if self._is_felt else ()
 
     @cached_property

@@ -44,14 +44,10 @@ def predict_source(
 
 @dataclass(frozen=True)
 class NetworkLabeller:
-    """Labeller of coarse clouds (``annotate.label_recording.Labeller``) by a network.
-
-    single_pass: as in ``PersonDetection``.
-    """
+    """Labeller of coarse clouds (``annotate.label_recording.Labeller``) by a network."""
 
     network: OnnxNetwork
     options: PredictOptions = DEFAULT
-    single_pass: bool = False
 
     @cached_property
     def networks(self) -> Networks:
@@ -97,9 +93,7 @@ class NetworkDetection:
 
     def __init__(self, labeller: NetworkLabeller, cloud: CoarseCloud) -> None:
         options = labeller.options
-        self._persons = PersonDetection(
-            cloud, options.window_c, everybody=options.everybody, single_pass=labeller.single_pass
-        )
+        self._persons = PersonDetection(cloud, options.window_c, everybody=options.everybody)
         self._network, self._options = labeller.networks.first, options
         self.cloud, self.planes = cloud, self._persons.planes
         self._labels: dict[bytes, Segmentation] = {}

@@ -157,7 +157,7 @@ class LabellerWithout:
         """Detect the persons of a cloud without the cut images and planes."""
         cloud = self.cut.cloud(cloud)
         detection = DetectionWithoutPlanes if "planes" in self.cut.inputs else PersonDetection
-        persons = detection(CoarseCloud.of(cloud), self.cut.window_c, self.worn, single_pass=True)
+        persons = detection(CoarseCloud.of(cloud), self.cut.window_c, self.worn)
         likely = persons.person(None)
         return SuitDetection(
             cloud, persons, likely, view_of(cloud, persons, likely) if likely.trusted else None

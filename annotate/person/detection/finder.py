@@ -20,6 +20,7 @@ from annotate.person.detection.votes import Voters
 
 CUT_OUT_ODDS = 4.0  # added where the background is cut away; an earlier finder found 0.997, not 0.99, of them
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
+LEAST_STEP = 0.5  # pixels between two of the network's image; bounds the enlargement of a wide view
 MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
 # Greatest shares of the border and of the image with depth, where the background is cut away. Of 200 tight
 # crops of development people 99 % have less, of 89 empty close rooms 13 %.
@@ -43,20 +44,18 @@ class Person:
         return self.evidence.odds
 
 
-def find_people(
-    cloud: ThermalCloud, warmth: Float32, *, single_pass: bool = False, least_odds: float = KEPT_ODDS
-) -> list[Person]:
+def find_people(cloud: ThermalCloud, warmth: Float32, least_odds: float = KEPT_ODDS) -> list[Person]:
     """Detect all people of a cloud, in no order.
 
-    warmth: (h, w), 0 at the room's temperature, 1 at a person's; NaN = no reading. single_pass: skip the
-    flipped image, which halves the time. least_odds: least log odds of a returned person.
+    warmth: (h, w), 0 at the room's temperature, 1 at a person's; NaN = no reading. least_odds: least
+    log odds of a returned person.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
     rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
     small_m, felt = (plane.take(rows, axis=0).take(columns, axis=1) for plane in (cloud.points_m, warmth))
     small_m = np.nan_to_num(small_m, copy=False)
     focal_px = (cloud.camera.fx / _spacing(u), cloud.camera.fy / _spacing(v))
-    candidates = candidates_in(small_m, felt, focal_px, single_pass)
+    candidates = candidates_in(small_m, felt, focal_px)
     is_felt = (np.isfinite(felt) & (candidates.depth_m > 0)).any()
     if not is_felt and not _is_cut_out(candidates.depth_m, focal_px):
         candidates = rated(candidates)
@@ -68,15 +67,13 @@ def find_people(
     return [_person(cloud, mask, known) for mask, known in people if mask.any()]
 
 
-def candidates_in(
-    points_m: Float32, warmth: Float32, focal_px: tuple[float, float], single_pass: bool = False
-) -> Candidates:
+def candidates_in(points_m: Float32, warmth: Float32, focal_px: tuple[float, float]) -> Candidates:
     """Return the candidates for persons in an image.
 
     points_m: (h, w, 3), z = 0 without a reading. focal_px: of columns and rows, about ``FOCAL_PX``. Others as
     in `find_people`.
     """
-    odds, votes_m = odds_and_votes(points_m, warmth, single_pass)
+    odds, votes_m = odds_and_votes(points_m, warmth)
     depth_m = np.ascontiguousarray(points_m[..., 2])
     surface_m2 = depth_m**2 * np.float32(1 / (focal_px[0] * focal_px[1]))
     if _is_cut_out(depth_m, focal_px):
@@ -106,7 +103,7 @@ def _is_cut_out(depth_m: Float32, focal_px: tuple[float, float]) -> bool:
 
 def _grid(side: int, focal_px: float) -> Float64:
     """Return the coordinates (n,) along an image's side that resample its focal length to ``FOCAL_PX``."""
-    step = focal_px / FOCAL_PX
+    step = max(focal_px / FOCAL_PX, LEAST_STEP)
     count = max(1, round(side / step))
     return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(0, side - 1), np.float64)
 

@@ -50,29 +50,22 @@ def _network(*, is_felt: bool) -> Network:
     return onnx_session(file if is_felt else without_channels(file, "image", range(DEPTH_INPUTS)))
 
 
-def odds_and_votes(points_m: Float32, warmth: Float32, single_pass: bool = False) -> tuple[Float32, Float32]:
+def odds_and_votes(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32]:
     """Return the log odds (h, w) that points (h, w, 3) are on a person, and votes (h', w', 3) of every second
     point.
 
-    A vote is the estimated centre of the point's person, metres. single_pass: skip the flipped image.
+    A vote is the estimated centre of the point's person, metres.
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     given = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
     voters, is_felt = points_m[::2, ::2], bool(np.isfinite(warmth).any())
     given = given if is_felt else given[:DEPTH_INPUTS]
-    # A flip swaps the columns' parity channels and negates the votes to the right.
-    images = [given] if single_pass else [given, given[np.arange(len(given)) ^ 1, :, ::-1]]
-    network = _network(is_felt=is_felt)
-    outputs = [network.run(None, {"image": image[None]})[0][0] for image in images]
-    for turned in outputs[1:]:
-        turned[:] = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
-        turned[4] *= -1
-    found: Float32 = sum(outputs) / len(outputs)
+    found: Float32 = _network(is_felt=is_felt).run(None, {"image": given[None]})[0][0]
     odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(2 * given.shape[1], -1)
     right, down, away = found[4:, : voters.shape[0], : voters.shape[1]]
     # A vote lies beside the point at its depth, moved along the ray.
     z = np.maximum(voters[..., 2], 0.1)
     ray = (z + away) / z
     x, y = voters[..., 0] + right, voters[..., 1] + down
-    return odds[:height, :width].copy(), np.stack([x * ray, y * ray, z + away], axis=-1)
+    return odds[:height, :width], np.stack([x * ray, y * ray, z + away], axis=-1)

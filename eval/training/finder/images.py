@@ -13,7 +13,7 @@ from annotate.array_types import Bool, Float32, UInt8, UInt16
 from annotate.person.detection.finder_network import FOCAL_PX, network_input
 from eval.training.finder.warm import degraded_warmth, random_warmth
 
-STORED_FOCAL_PX = 183.0  # of a stored image, about that of a coarse cloud
+STORED_FOCAL_PX = 183.0  # of a stored image, about as of a coarse cloud
 HEIGHT, WIDTH = 256, 320  # of a training image
 MOST_SHIFT_PX = (41, 32)  # right, down
 LEAST_PX, FARTHEST_M = 45, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
