@@ -13,6 +13,7 @@ from annotate.labelset.label_set import LabelSet
 from annotate.witness.model_files import SHA256, models_folder
 from sensors.session.reader import Session
 from tests.helpers.page_material import write_image_folder
+from tests.helpers.pose_network import pose_onnx
 from tools.fit.witness_errors import WitnessErrors
 from tools.measure.by_colour import simulated
 
@@ -64,7 +65,11 @@ def test_wrong_recordings_are_refused_before_anything_is_written(
     assert_refused(annotate_cloud("try", folder, "--out", out), "register colour to depth")
     assert annotate_cloud("strip", rig_session, tmp_path / "grey.mcap", "--colour").code == 0
     grey = annotate_cloud("try", tmp_path / "grey.mcap", "--out", out)
-    assert_refused(grey, f"{tmp_path / 'grey.mcap'} has no colour images; give a recording with colour")
+    assert_refused(grey, "the recording has no colour images; give one with colour")
+    (tmp_path / "pose.onnx").write_bytes(pose_onnx("heat maps"))
+    for more in ((), ("--suit", rig_session.with_suffix(".suit.toml"))):
+        labelled = ("label", tmp_path / "grey.mcap", "--by", tmp_path / "pose.onnx", "--out", out, *more)
+        assert_refused(annotate_cloud(*labelled), "the recording has no colour images; give one with colour")
     (tmp_path / "many").mkdir()
     shutil.copy(rig_session, tmp_path / "many")
     several = annotate_cloud("try", tmp_path / "many", "--out", out)

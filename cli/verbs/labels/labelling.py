@@ -13,6 +13,7 @@ from typer import Argument, Option
 from cli.console import Json, Names, Overwrite, check_room, clear, finish_run, progress, say
 from cli.sessions import EachOptions, Scheduler, label_each, open_recording, sessions_in
 from cli.verbs.labels.label_options import Labels, Window
+from sensors.errors import CloudError
 from sensors.files.atomic import check_there
 from sensors.importers.open_source import doubts_of
 
@@ -69,11 +70,16 @@ class LabelChoices:
         from eval.network.colour.suit_and_colour import SuitAndColourLabeller
 
         by_colour = self._by_colour(by_suit.scheme if by_suit.suit else None)
-        if by_suit.suit is None:
-            return lambda source, out, advance: label_by_colour(source, by_colour, out, advance)
         both = SuitAndColourLabeller(by_suit, by_colour)
         steps = {"label": suit_step(by_suit), "label_by_colour": by_colour.step}
-        return lambda source, out, advance: run(source, steps, out, both, advance)
+
+        def labelled(source: "Source", out: Path, advance: Callable[[int], None]) -> "Run":
+            check_colour(source)
+            if by_suit.suit is None:
+                return label_by_colour(source, by_colour, out, advance)
+            return run(source, steps, out, both, advance)
+
+        return labelled
 
     def _by_colour(self, of_suit: "Scheme | None") -> "ColourLabeller":
         from annotate.scheme.scheme_file import load_scheme
@@ -91,6 +97,20 @@ class LabelChoices:
             scheme = of_suit
         witness: PoseNetwork = BlazePose() if self.by == COLOUR else OnnxPose(Path(self.by or ""))
         return ColourLabeller(witness, network, scheme, self.everybody, self.window_c)
+
+
+def check_colour(source: "Source") -> None:
+    """Check that a recording can be labelled by colour.
+
+    Raises CalibrationError where colour is neither aligned nor calibrated, CloudError without colour images.
+    """
+    from annotate.witness.coloured_cloud import ColourFuser
+
+    ColourFuser(source.calibration)
+    if "no colour images" in source.notes:
+        raise CloudError(
+            "the recording has no colour images; give one with colour, or label by depth: predict"
+        )
 
 
 def label(

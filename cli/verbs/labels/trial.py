@@ -13,7 +13,7 @@ from cli.console import Json, finish, progress, say
 from cli.extras import check_extra
 from cli.sessions import open_recording, recordings_in
 from cli.verbs.exchange import write_session
-from cli.verbs.labels.labelling import COLOUR, LabelChoices
+from cli.verbs.labels.labelling import COLOUR, LabelChoices, check_colour
 from cli.verbs.labels.prediction import PredictChoices
 from cli.verbs.learning import adapted, adapted_text
 from sensors.errors import CloudError, ExistsError
@@ -74,18 +74,10 @@ def try_(
 
 def _labelled(recording: Path, out: Path) -> "tuple[dict[str, Run], Path]":
     """Label a recording by colour and by depth; return both runs by name, and the labelled session."""
-    from annotate.witness.coloured_cloud import ColourFuser
-    from sensors.session.messages import COLOR
-    from sensors.session.reader import Session
-
     if several := recordings_in(recording):
         raise CloudError(f"{recording} is a folder of {len(several)} sessions; give one, e.g. {several[0]}")
     source = open_recording(recording, names=False)
-    ColourFuser(source.calibration)  # refuses colour that is neither aligned nor calibrated
-    if isinstance(source, Session) and COLOR not in source.streams:
-        raise CloudError(
-            f"{recording} has no colour images; give a recording with colour, or label by depth: predict"
-        )
+    check_colour(source)
     by_colour = LabelChoices(by=COLOUR).work()
     _begin(out, recording)
     source, session = _as_session(source, recording, out)
