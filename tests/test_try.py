@@ -68,8 +68,9 @@ def test_wrong_recordings_are_refused_before_anything_is_written(
     assert_refused(grey, "the recording has no colour images; give one with colour")
     (tmp_path / "pose.onnx").write_bytes(pose_onnx("heat maps"))
     for more in ((), ("--suit", rig_session.with_suffix(".suit.toml"))):
-        labelled = ("label", tmp_path / "grey.mcap", "--by", tmp_path / "pose.onnx", "--out", out, *more)
-        assert_refused(annotate_cloud(*labelled), "the recording has no colour images; give one with colour")
+        options = ("--by", tmp_path / "pose.onnx", "--out", out, *more)
+        grey = annotate_cloud("label", tmp_path / "grey.mcap", *options)
+        assert_refused(grey, "the recording has no colour images; give one with colour", remarks=1)
     (tmp_path / "many").mkdir()
     shutil.copy(rig_session, tmp_path / "many")
     several = annotate_cloud("try", tmp_path / "many", "--out", out)
