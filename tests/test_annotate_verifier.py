@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from annotate.onnx_session import onnx_session
+from annotate.person.detection.finder_network import FOCAL_PX
 from annotate.person.detection.verifier import INPUTS, SIDE, SIDE_M, crop_input
-from eval.training.finder.images import FIRST_THING
+from eval.training.finder.images import FIRST_THING, STORED_FOCAL_PX
 from eval.training.finder.verification import (
     Examples,
     VerifierNet,
@@ -18,10 +19,16 @@ from eval.training.finder.verification_examples import candidates_in_depth, exam
 from sensors.rig.camera import Intrinsics
 from tests.helpers.furnished_room import seen
 
-FOCAL_PX = 183.0
+
+def view(focal_px):
+    """Depth (h, w) in metres of a standing person in a room, and who is where."""
+    width, height = round(1.4 * focal_px), round(1.15 * focal_px)
+    camera = Intrinsics(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
+    depth_m, persons = seen([(1, 0.0)], camera=camera)
+    return np.nan_to_num(depth_m).astype(np.float32), persons
 
 
-def crop_at(distance_m, height=192, width=256):
+def crop_at(distance_m, height=288, width=384):
     """A board of 0.4 x 1.2 m before a wall 1 m behind it, and the crop of the board."""
     v, u = np.mgrid[:height, :width]
     x, y = ((at - (n - 1) / 2) * distance_m / FOCAL_PX for at, n in ((u, width), (v, height)))
@@ -67,11 +74,10 @@ def test_of_two_candidates_on_a_person_the_larger_one_is_the_person():
 
 
 def test_examples_are_the_candidates_of_images_with_the_truth():
-    depth_m, persons = seen([(1, 0.0)], camera=Intrinsics(256, 211, FOCAL_PX, FOCAL_PX, 127.5, 105.0))
-    depth_m = np.nan_to_num(depth_m).astype(np.float32)
-    candidates = candidates_in_depth(depth_m)
-    shown = [is_person(mask, persons) for mask in candidates.masks().values()]
+    depth_m, persons = view(FOCAL_PX)
+    shown = [is_person(mask, persons) for mask in candidates_in_depth(depth_m).masks().values()]
     assert True in shown
+    depth_m, persons = view(STORED_FOCAL_PX)
     depth_mm, unfelt = (1000 * depth_m).astype(np.uint16), np.full(depth_m.shape, np.nan, np.float16)
     things = np.where(persons > 0, np.uint8(FIRST_THING), np.uint8(0))
     for surfaces, least in ((persons, 0.4), (things, 0.0)):

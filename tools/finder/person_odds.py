@@ -89,8 +89,8 @@ def main() -> None:
 
 def model(rows: list[Row]) -> list[float]:
     """Print the held-out scores of a model; return its weights (F,)."""
-    evidence, truths, group = zip(*rows, strict=True)
-    features, truth = np.stack([one.features for one in evidence]), np.array(truths)
+    evidence, known, group = zip(*rows, strict=True)
+    features, truth = np.stack([one.features for one in evidence]), np.array(known)
     held = np.array(group) % 4 == 0
     print(scores(features[held] @ fitted(features[~held], truth[~held]), truth[held]))
     return [round(float(weight), 4) for weight in fitted(features, truth)]

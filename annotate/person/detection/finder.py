@@ -20,7 +20,7 @@ from annotate.person.detection.votes import Voters
 
 CUT_OUT_ODDS = 4.0  # added where the background is cut away; an earlier finder found 0.997, not 0.99, of them
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
-LEAST_STEP = 0.5  # pixels between two of the network's image; bounds the enlargement of a wide view
+LEAST_STEP = 0.5  # pixels of the image by one of the network's; less takes longer with wide views
 MOST_PERSON_M2 = 2.5  # visible surface: twice the front of a tall adult
 # Greatest shares of the border and of the image with depth, where the background is cut away. Of 200 tight
 # crops of development people 99 % have less, of 89 empty close rooms 13 %.

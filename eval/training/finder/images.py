@@ -1,4 +1,4 @@
-"""Training images of the person finder: scenes at its input's focal length, augmented, with true votes.
+"""Training images of the person finder: augmented scenes at the focal length of its input, with true votes.
 
 A vote is the vector from a person's pixel to the middle of that person. Constants are untuned.
 """
@@ -14,8 +14,8 @@ from annotate.person.detection.finder_network import FOCAL_PX, network_input
 from eval.training.finder.warm import degraded_warmth, random_warmth
 
 STORED_FOCAL_PX = 183.0  # of a stored image, about as of a coarse cloud
-HEIGHT, WIDTH = 256, 320  # of a training image
-MOST_SHIFT_PX = (41, 32)  # right, down
+HEIGHT, WIDTH = 256, 320  # of a training image; multiples of the network's ``MULTIPLE``
+MOST_SHIFT_PX = (41, 32)  # of a training image: right or left, down or up
 LEAST_PX, FARTHEST_M = 45, 2.0  # least pixels (at half the sides) of a voting person; longest vote on an axis
 CUT_OUT, FAR_CLIP, NEAR_CLIP = 0.2, 0.35, 0.4  # cumulative shares: people or a thing alone, nothing far, near
 THING_ALONE = 0.5  # share of cut-outs with a thing in place of the people

@@ -21,7 +21,7 @@ OF_ONE, OF_ANY = 0.5, 0.2  # shares of pixels: least of one person if true; of a
 
 
 def is_person(mask: Bool, persons: UInt8) -> bool | None:
-    """Return whether a candidate is true; None = left out.
+    """Return whether a candidate shows a person, whatever other candidates show; None = left out.
 
     mask: its pixels (h, w), at least one. persons: person numbers (h, w), 0 = no person.
     """
@@ -32,9 +32,9 @@ def is_person(mask: Bool, persons: UInt8) -> bool | None:
 
 
 def truths(masks: Sequence[Bool], persons: UInt8) -> list[bool | None]:
-    """Return of each candidate of an image whether it is true; None = left out.
+    """Return for each candidate of an image whether the candidate is true; None = left out.
 
-    masks: their pixels (h, w). persons: person numbers (h, w), 0 = no person.
+    masks: pixels (h, w) of each candidate, at least one. persons: person numbers (h, w), 0 = no person.
     """
     shown = np.array([np.bincount(persons[mask], minlength=256)[1:] for mask in masks])
     found: list[bool | None] = []
