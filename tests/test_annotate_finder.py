@@ -41,6 +41,16 @@ def test_a_person_in_a_furnished_room_is_found():
     assert iou(found.mask, whose == 1) > 0.9 and not found.others.any()
 
 
+@pytest.mark.parametrize("focal_px", [120.0, 182.5, 230.0, 365.0])
+def test_the_surface_of_a_persons_votes_is_the_surface_of_the_mask(focal_px):
+    side = round(2 * focal_px)
+    camera = Intrinsics(side, side, focal_px, focal_px, (side - 1) / 2, (side - 1) / 2)
+    cloud = cloud_of(seen([(1, 0.0)], camera=camera)[0], camera)
+    unfelt = np.full(camera.shape, np.nan, np.float32)
+    person = max(finder.find_people(cloud, unfelt), key=lambda person: person.odds)
+    assert person.evidence.area_m2 == pytest.approx(person.area_m2, rel=0.15)
+
+
 def test_empty_images_show_no_person():
     found = survey_of(cloud_of(seen([])[0])).person()
     assert not found.mask.any() and not found.others.any() and "no person" in found.notes[0]

@@ -51,7 +51,10 @@ def find_people(cloud: ThermalCloud, warmth: Float32, least_odds: float = KEPT_O
     log odds of a returned person.
     """
     v, u = map(_grid, cloud.depth_mm.shape, (cloud.camera.fy, cloud.camera.fx))
-    rows, columns = (np.rint(grid).astype(np.intp) for grid in (v, u))
+    rows, columns = (
+        np.rint(grid).clip(0, side - 1).astype(np.intp)
+        for grid, side in zip((v, u), cloud.depth_mm.shape, strict=True)
+    )
     small_m, felt = (plane.take(rows, axis=0).take(columns, axis=1) for plane in (cloud.points_m, warmth))
     small_m = np.nan_to_num(small_m, copy=False)
     focal_px = (cloud.camera.fx / _spacing(u), cloud.camera.fy / _spacing(v))
@@ -102,10 +105,12 @@ def _is_cut_out(depth_m: Float32, focal_px: tuple[float, float]) -> bool:
 
 
 def _grid(side: int, focal_px: float) -> Float64:
-    """Return the coordinates (n,) along an image's side that resample its focal length to ``FOCAL_PX``."""
+    """Return the coordinates (n,), evenly spaced along an image's side, that resample its focal length to
+    ``FOCAL_PX``. The outermost lie up to half a pixel beyond the middles of the outermost pixels.
+    """
     step = max(focal_px / FOCAL_PX, LEAST_STEP)
     count = max(1, round(side / step))
-    return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(0, side - 1), np.float64)
+    return np.asarray(((np.arange(count) + 0.5) * step - 0.5).clip(-0.5, side - 0.5), np.float64)
 
 
 def _spacing(grid: Float64) -> float:
