@@ -54,14 +54,22 @@ def odds_and_votes(points_m: Float32, warmth: Float32) -> tuple[Float32, Float32
     """Return the log odds (h, w) that points (h, w, 3) are on a person, and votes (h', w', 3) of every second
     point.
 
-    A vote is the estimated centre of the point's person, metres.
+    A vote is the estimated centre of the point's person, metres. Without warmth the result is the mean of the
+    image's and of the mirror image's.
     """
     height, width = points_m.shape[:2]
     more = ((0, -height % MULTIPLE), (0, -width % MULTIPLE))
     given = network_input(np.pad(points_m[..., 2], more), np.pad(warmth, more))
     voters, is_felt = points_m[::2, ::2], bool(np.isfinite(warmth).any())
     given = given if is_felt else given[:DEPTH_INPUTS]
-    found: Float32 = _network(is_felt=is_felt).run(None, {"image": given[None]})[0][0]
+    # A flip swaps the columns' parity channels and negates the votes to the right.
+    images = [given] if is_felt else [given, given[np.arange(len(given)) ^ 1, :, ::-1]]
+    network = _network(is_felt=is_felt)
+    outputs = [network.run(None, {"image": image[None]})[0][0] for image in images]
+    for turned in outputs[1:]:
+        turned[:] = turned[[1, 0, 3, 2, 4, 5, 6], :, ::-1]
+        turned[4] *= -1
+    found: Float32 = sum(outputs) / len(outputs)
     odds = found[:4].reshape(2, 2, *found.shape[1:]).transpose(2, 0, 3, 1).reshape(2 * given.shape[1], -1)
     right, down, away = found[4:, : voters.shape[0], : voters.shape[1]]
     # A vote lies beside the point at its depth, moved along the ray.

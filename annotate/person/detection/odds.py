@@ -13,7 +13,9 @@ import numpy as np
 from annotate.array_types import Float64
 
 KEPT_ODDS = -1.4  # log odds of the weakest detection; one in five is a person, and only a track shows it
-LIKELY_ODDS, SURE_ODDS = 0.0, 2.2  # log odds of detections that two frames, and one frame, establish
+# Log odds of detections that two frames, and one frame, establish. With 0 and 2.2, 0.04 more people in crowds
+# are found, with seven times as many phantoms (development).
+LIKELY_ODDS, SURE_ODDS = 1.4, 3.0
 
 
 class Evidence(NamedTuple):
