@@ -221,3 +221,24 @@ def test_more_candidates_than_numbers_of_persons_and_unusual_cameras_are_no_erro
     found = finder.find_people(cloud_of(np.full(CAMERA.shape, 6.0)), unfelt)
     assert len(found) == MOST_PERSONS and (sum(person.mask.astype(int) for person in found) <= 1).all()
     assert max(person.odds for person in found) > 0
+
+
+def test_where_the_background_is_cut_away_one_person_is_sure_and_others_need_evidence(monkeypatch):
+    depth, whose = seen([(1, -0.5), (2, 0.6)], room=False)
+    nothing = np.full(CAMERA.shape, np.nan, np.float32)
+
+    def likely(points_m, warmth):
+        odds, votes = odds_and_votes(points_m, warmth)
+        return np.full_like(odds, least - finder.CUT_OUT_ODDS), votes
+
+    monkeypatch.setattr(finder, "odds_and_votes", likely)
+    cloud = cloud_of(np.where(whose > 0, depth, np.nan))
+    for least in (4.0, 9.0):
+        found = finder.find_people(cloud, nothing, -np.inf)
+        means = sorted(person.evidence.mean_odds for person in found)
+        assert len(found) == 2
+        assert means == pytest.approx([least - finder.CUT_OUT_ODDS, least], abs=1e-4)
+    monkeypatch.setattr(finder, "_is_cut_out", lambda *_: False)
+    monkeypatch.setattr(finder, "rated", lambda found: found)
+    equal = [person.evidence.mean_odds for person in finder.find_people(cloud, nothing, -np.inf)]
+    assert equal == pytest.approx([5.0] * len(equal))

@@ -57,6 +57,16 @@ class Candidates:
         between = cv2.dilate(whose, np.ones((3, 3), np.uint8))
         return np.where(whose > 0, whose, np.where(self.likely, between, 0)).astype(np.uint8)
 
+    def with_one_surer(self, more: float) -> "Candidates":
+        """Return candidates of pixels whose log odds are ``more`` too high, except for the likeliest group.
+
+        Someone cut the background away, so there is one person; others need evidence of their own.
+        """
+        surest = max(range(len(self.evidence)), key=lambda k: self.evidence[k].odds, default=-1)
+        lower = (known._replace(mean_odds=known.mean_odds - more) for known in self.evidence)
+        evidence = [self.evidence[k] if k == surest else known for k, known in enumerate(lower)]
+        return replace(self, evidence=evidence)
+
     def best(self, least_odds: float, most: int = MOST_PERSONS) -> tuple[list[int], list[Evidence]]:
         """Return the likeliest groups of at least ``least_odds``, at most ``most``, and their evidence."""
         surest = sorted(range(len(self.evidence)), key=lambda k: -self.evidence[k].odds)[:most]
