@@ -99,7 +99,7 @@ def test_diff_evaluate_and_report(annotate_cloud, tmp_path, rig_session, rig_lab
     same = annotate_cloud("diff", truth_path(rig_session), truth_path(rig_session), "--json").result
     assert (same["mean_recall"], same["miou"], same["person_iou"]) == (1, 1, 1)
 
-    result = tmp_path / "results" / "auto.json"
+    result = tmp_path / "results" / "auto.npz"
     evaluated = annotate_cloud(
         "evaluate", rig_labels.path, truth_path(rig_session), "--out", result, "--title", "Auto", "--json"
     ).result
