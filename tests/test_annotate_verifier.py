@@ -21,7 +21,7 @@ from tests.helpers.furnished_room import seen
 
 
 def view(focal_px):
-    """Depth (h, w) in metres of a standing person in a room, and who is where."""
+    """Return depth (h, w) in metres of a standing person in a room, and person numbers (h, w)."""
     width, height = round(1.4 * focal_px), round(1.15 * focal_px)
     camera = Intrinsics(width, height, focal_px, focal_px, (width - 1) / 2, (height - 1) / 2)
     depth_m, persons = seen([(1, 0.0)], camera=camera)
