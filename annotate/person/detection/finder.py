@@ -18,7 +18,7 @@ from annotate.person.detection.finder_network import FOCAL_PX, odds_and_votes
 from annotate.person.detection.odds import KEPT_ODDS, Evidence
 from annotate.person.detection.votes import Voters
 
-# Added to pixels and to one person where the background is cut away; of 550 people 14 are lost, with 2 it is 28.
+# Added to pixels and to one person where the background is cut away; 14 of 550 people are lost, with 2 28.
 CUT_OUT_ODDS = 4.0
 BESIDE_SURFACE = 0.03  # share of the depth at which a neighbour's weight falls to 1/e
 LEAST_STEP = 0.5  # pixels of the image by one of the network's; less takes longer with wide views
