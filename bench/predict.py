@@ -12,15 +12,15 @@ import numpy as np
 from annotate.cloud.coarse import CoarseCloud
 from annotate.cloud.fuse import Fuser
 from annotate.crop import SIZE, crop_around
-from annotate.frame_labels import FrameLabels
+from annotate.label_recording import label_cloud
 from annotate.labelset.dataset import MANIFEST, SCHEMA, Dataset, encode_shard, sha256
 from annotate.labelset.label_set import LabelSet
-from annotate.parts import N_CLASSES
-from annotate.person.extract import PersonDetection
+from annotate.labelset.scheme_note import scheme_note
+from annotate.segmentation.labels_of_frame import labels_of
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import BATCH, PredictOptions, predict_frames
-from eval.network.predict_source import predict_source
-from eval.network.refine import refine, shipped_refinement_network
+from eval.network.predict_source import NetworkLabeller, predict_source
+from eval.network.refine import shipped_refinement_network
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.rig_calibration import RigCalibration
 from synth.images.presets import preset_named, sample
@@ -35,11 +35,11 @@ class Silent(OnnxNetwork):
     """Network that returns stored outputs, so that only the work around a network takes time."""
 
     @cache  # noqa: B019
-    def _outputs(self, n):
+    def _stored(self, n):
         return super().outputs(np.full((n, SIZE, SIZE), 0.5, np.float32))
 
     def outputs(self, crops):
-        return self._outputs(len(crops))
+        return self._stored(len(crops))
 
 
 def paper_network(folder):
@@ -66,7 +66,7 @@ def segment_naive(network, depth_mm, person):
             if 0 <= v < mask.shape[0] and 0 <= u < mask.shape[1] and mask[v, u]:
                 depth[i, j] = min(max((depth_mm[v, u] - middle) / 2000 + 0.5, 1 / 2000), 1)
     planes = network.probabilities(depth[None])[0]
-    image = np.zeros((N_CLASSES, *mask.shape), np.float32)
+    image = np.zeros((len(planes), *mask.shape), np.float32)
     for v, u in np.argwhere(mask):
         i, j = ((k - c) * SIZE // crop.side for k, c in ((v, crop.top), (u, crop.left)))
         image[:, v, u] = planes[:, i, j]
@@ -124,14 +124,19 @@ def recording_seconds(folder, rig, network, again):
     start = time.perf_counter()
     predict_source(source, network, folder / "recording", lambda n: None, options)
     ours = (time.perf_counter() - start) / len(frames)
-    fuser, start = Fuser(rig.calibration), time.perf_counter()
-    labels = LabelSet.create(folder / "singly", fuser.camera, {})
-    for frame in frames[:FRAMES]:
-        cloud = fuser.fuse_frame(frame)
-        found = network.segment(cloud.depth_mm, PersonDetection(CoarseCloud.of(cloud)).person().mask)
-        first = FrameLabels(str(frame.index), cloud.depth_mm, found.parts, found.confidence)
-        labels.write(refine(fuser.camera, first, again) if again else first)
+    start = time.perf_counter()
+    label_singly(frames[:FRAMES], rig.calibration, NetworkLabeller(network, options), folder / "singly")
     return ours, (time.perf_counter() - start) / FRAMES
+
+
+def label_singly(frames, calibration, labeller, out):
+    """Label frames of whole clouds one after the other; read, label and write nothing ahead."""
+    fuser = Fuser(calibration)
+    labels = LabelSet.create(out, fuser.camera, scheme_note(labeller.scheme))
+    for frame in frames:
+        cloud = fuser.fuse_frame(frame)
+        result, person = label_cloud(labeller, CoarseCloud.of(cloud), None)
+        labels.write(labels_of(str(frame.index), cloud.depth_mm, result, person))
 
 
 def bench():
