@@ -24,7 +24,7 @@ from tests.helpers.real_takes import first_frames
 from tools.figures import network, run
 from tools.figures import table as measuring
 from tools.figures.figure import Figure, average, median, moved, of_values, over_people, ratio
-from tools.figures.pages import DERIVED, MARK, MOVED, PAGES, spliced, write_pages
+from tools.figures.pages import DERIVED, MARK, MOVED, PAGES, joined, spliced, write_pages
 from tools.figures.table import (
     FIRST_SEED,
     KEPT,
@@ -146,6 +146,20 @@ def test_pages_hold_what_was_measured_and_nothing_else_changes(house):
     unmeasured = replace(TABLE, name="two", pages=())
     marks = "<!-- figures: two -->\nold\n<!-- end of figures -->\n"
     assert spliced(marks, lambda name: None) == marks and load(unmeasured, house) is None
+
+
+def test_a_moved_figure_is_listed_below_its_table_and_row(house):
+    measure(TABLE, COMMIT, "p", house / "docs" / "figures")
+    worse = replace(TABLE, measure=lambda seed: {"all": {"score": Figure(0.1, 0.05, 0.15)}})
+    found = measure(worse, OTHER, "p", house / "docs" / "figures")
+    write_pages([TABLE], house)
+    text = (house / "docs" / "figures.md").read_text()
+    assert f"- `one` (before: {found.before_from})\n  - all: score 0." in text and "→ 0.100 (0.050" in text
+
+
+def test_rows_of_the_same_cells_are_one_row():
+    rows = {"a": ["1", "-"], "b": ["2", "-"], "c": ["1", "-"]}
+    assert list(joined(rows)) == [("a; c", ("1", "-")), ("b", ("2", "-"))]
 
 
 @given(st.floats(0.01, 0.99), st.floats(0.0, 0.2), st.floats(0.001, 0.2), st.floats(0.001, 0.2))

@@ -65,13 +65,21 @@ def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
 
 
+def joined(rows: Mapping[str, list[str]]) -> Iterable[tuple[str, tuple[str, ...]]]:
+    """Return rows of the same cells as one row with all their names."""
+    names: dict[tuple[str, ...], list[str]] = {}
+    for name, cells in rows.items():
+        names.setdefault(tuple(cells), []).append(name)
+    return (("; ".join(alike), cells) for cells, alike in names.items())
+
+
 def markdown_of(table: Table, rows: Rows) -> str:
-    """Return the Markdown of a table's figures."""
-    lines = (
-        [name, *(cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items())]
+    """Return the Markdown of a table's figures; rows that print the same figures are one line."""
+    shown = {
+        name: [cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items()]
         for name, cells in rows.items()
-    )
-    return markdown(["", *table.columns], lines)
+    }
+    return markdown(["", *table.columns], ([names, *cells] for names, cells in joined(shown)))
 
 
 def table_block(table: Table, measured: Measured) -> str:
@@ -107,18 +115,22 @@ DERIVED: dict[str, Callable[[Mapping[str, Measured]], str | None]] = {
 
 
 def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
-    """Return the figures that moved since the measurement before."""
-    lines, compared = [], 0
+    """Return the figures that moved since the measurement before, by table and row."""
+    lines: list[str] = []
+    compared = count = 0
     for table in tables:
         if (measured := all_measured.get(table.name)) is None:
             continue
         found = changes(table, measured.before, measured.rows, paired=not table.seeded)
-        compared += len(found)
+        rows: dict[str, list[str]] = {}
         for one in (one for one in found if one.moved):
-            spec, place = table.columns[one.column], f"`{table.name}`: {one.row}, {one.column}"
-            lines.append((place, one.old.text(spec), one.new.text(spec), measured.before_from))
-    said = said_of(compared, len(lines))
-    return f"{said}\n\n{markdown(('figure', 'before', 'now', 'before: measured'), lines)}" if lines else said
+            old, new = (figure.text(table.columns[one.column]) for figure in (one.old, one.new))
+            rows.setdefault(one.row, []).append(f"{one.column} {old} \u2192 {new}")
+        if rows:
+            lines.append(f"- `{table.name}` (before: {measured.before_from})")
+            lines.extend(f"  - {names}: {'; '.join(cells)}" for names, cells in joined(rows))
+        compared, count = compared + len(found), count + sum(map(len, rows.values()))
+    return "\n".join([said_of(compared, count), *([""] if lines else []), *lines])
 
 
 def said_of(compared: int, count: int) -> str:

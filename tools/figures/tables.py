@@ -8,34 +8,16 @@ PLACES = {"frames": ".0f"} | dict.fromkeys(("person IoU", "mean recall", "bounda
 PLACES["swaps"] = ".1%"
 CPU = "CPU seconds a frame"
 HOW_GOOD, DETAILS = ("docs/how-good.md",), ("docs/figures.md",)
-SWAPS = "Swaps: pixels with the part of the other side."
-RECALL = "Mean recall: share of a part's pixels with its label, mean over parts."
-
-REAL_SHARED = "No training used the real people; choices between trainings did."
-RIG_SHARED = (
-    "Training and test share the simulator, its sensors, skin tones, lamps, viewpoints and bags; not bodies, "
-    "clothes, suits, poses, furniture or rooms."
-)
-EIGHT = "eight people of the judging cast; intervals over people."
-
-IMAGES = f"judging cast; intervals over people, named after the nearer of their two bodies. {RECALL} {SWAPS}"
-IMAGES_SHARED = (
-    "Training and test share the simulator, its sensors, viewpoints and bags; not bodies, clothes, poses or "
-    "furniture."
-)
+REAL_SHARED = "[Choices between trainings](how-good.md#what-training-and-test-share) used these people."
+SHARED = "[Training shares](how-good.md#what-training-and-test-share) the simulator."
+EIGHT = "eight people of the judging cast."
+IMAGES = "judging cast; people are named after the nearer of their two bodies."
 IMAGE_COLUMNS = {"images": ".0f", "mean recall": ".3f", "swaps": ".1%"} | {
     "facing to 20 degrees": ".3f",
     "posture": ".3f",
 }
 
-JOINTS = (
-    "joints of `predict`, judging cast, without alignment, inside the image unless outside is said; a joint "
-    "that is not given is within no distance; visible: the pixel shows the body at the joint; intervals over "
-    "people."
-)
-JOINTS_SHARED = (
-    "Training and test share the simulator, sensors, viewpoints and bags; not bodies, poses or rooms."
-)
+JOINTS = "[joints](how-good.md#joints) of `predict`, judging cast."
 JOINT_COLUMNS = {"images": ".0f", "error, mm": ".1f", "within 100 mm": ".3f", "within 50 mm": ".3f"}
 
 TABLES = (
@@ -55,11 +37,10 @@ TABLES = (
     Table(
         name="real-people",
         kind="real",
-        about="four people, Kinect v1, cut out (UTD-MHAD, for research; development data); intervals over "
-        "people, none for a take of one. A joint is right if pixels around the tracker's joint have a part "
-        "that meets there. On the other side: the part is the twin of one that meets there. By more than "
-        "3 px: also no pixel so near has a right part. The tracker is the truth, so no other baseline is "
-        "measured.",
+        about="four people, Kinect v1, cut out (UTD-MHAD, for research; development data); a take shows one. "
+        "A joint is right if pixels around the tracker's joint have a part that meets there. On the other "
+        "side: the part is the twin of one that meets there. By more than 3 px: also no pixel so near has a "
+        "right part. The tracker is the truth, so no other baseline is measured.",
         shared=REAL_SHARED,
         pages=HOW_GOOD,
         columns={"images": ".0f", "joints right": ".3f", "on the other side": ".1%"}
@@ -72,9 +53,9 @@ TABLES = (
     Table(
         name="joints",
         kind="mixed",
-        about=f"{JOINTS} Rig: 40 frames of each of eight people. Real people: four, Kinect v1, cut out, "
-        "against the sensor's tracker, which gives no visibility; offsets are medians of the three others.",
-        shared=f"{JOINTS_SHARED} {REAL_SHARED}",
+        about=f"{JOINTS} Rig: 40 frames of each of eight people. Real people: four, against the sensor's "
+        "tracker, which gives no visibility; offsets are medians of the three others.",
+        shared=f"{SHARED} {REAL_SHARED}",
         pages=HOW_GOOD,
         columns=JOINT_COLUMNS | {f"{seen}, mm": ".1f" for seen in ("visible", "hidden", "outside")},
         measure=joints.by_set,
@@ -83,9 +64,8 @@ TABLES = (
     Table(
         name="joints-by",
         kind="simulated",
-        about=f"{JOINTS} The presets together, and the recordings of the rig together; left and right sides "
-        "together.",
-        shared=JOINTS_SHARED,
+        about=f"{JOINTS} All presets together, all recordings of the rig together, both sides together.",
+        shared=SHARED,
         pages=DETAILS,
         columns=JOINT_COLUMNS,
         measure=joints.by_group,
@@ -93,10 +73,10 @@ TABLES = (
     Table(
         name="labels",
         kind="virtual",
-        about=f"40 frames of each of {EIGHT} {RECALL} {SWAPS} Boundary F: of part borders within 2 px. "
-        "Calibration error: mean gap between confidence and share of right pixels. Found first: share of the "
-        "wrong pixels in the 30 % least confident supervoxels.",
-        shared=RIG_SHARED,
+        about=f"40 frames of each of {EIGHT} Boundary F: of part borders within 2 px. Calibration error: "
+        "mean gap between confidence and share of right pixels. Found first: share of the wrong pixels in "
+        "the 30 % least confident supervoxels.",
+        shared=SHARED,
         pages=HOW_GOOD,
         columns=PLACES | {"calibration error": ".3f", "found first": ".2f", CPU: ".2f"},
         measure=rig.labels,
@@ -107,7 +87,7 @@ TABLES = (
         name="network",
         kind="synthetic",
         about=f"{IMAGES} Facing, posture: shares of images; posture only where two have 50 images each.",
-        shared=IMAGES_SHARED,
+        shared=SHARED,
         pages=HOW_GOOD,
         columns=IMAGE_COLUMNS,
         measure=network.by_preset,
@@ -117,7 +97,7 @@ TABLES = (
         name="network-by",
         kind="synthetic",
         about=f"{IMAGES} Rows: kinds of images with 50 or more, and every fourth image changed.",
-        shared=IMAGES_SHARED,
+        shared=SHARED,
         pages=DETAILS,
         columns=IMAGE_COLUMNS,
         measure=network.by_kind,
@@ -126,7 +106,7 @@ TABLES = (
         name="cameras",
         kind="virtual",
         about=f"every rig, two frames at `normal` of each of the same {EIGHT}",
-        shared=RIG_SHARED,
+        shared=SHARED,
         pages=("docs/devices.md",),
         columns={"frames": ".0f", "person IoU": ".3f", "recall, suit": ".3f", "recall, network": ".3f"},
         measure=rig.cameras,
@@ -135,9 +115,9 @@ TABLES = (
         name="effort",
         kind="virtual",
         about="simulated annotator corrects suit labels until 99 % of the pixels agree within 2 px, eight "
-        f"frames of each of {EIGHT} Median, mean: seconds a frame. One key: frames that agree at once, so "
-        "that one key accepts them. Right in the end: frames that agree at last.",
-        shared=RIG_SHARED,
+        f"frames of each of {EIGHT} Median, mean: seconds a frame. One key: frames that agree at once. "
+        "Right in the end: frames that agree at last.",
+        shared=SHARED,
         pages=HOW_GOOD,
         columns={"frames": ".0f", "median, s": ".1f", "mean, s": ".1f"}
         | {"one key": ".0%", "right in the end": ".0%"},
@@ -148,7 +128,7 @@ TABLES = (
         kind="virtual",
         about="judging cast at `hard`, thermal drift up to 2 K, eight recordings of two people; "
         "intervals over recordings.",
-        shared=RIG_SHARED,
+        shared=SHARED,
         pages=("docs/devices.md",),
         columns={"frames": ".0f", "off, K": ".2f"}
         | {"person IoU, temperatures found": ".3f", "person IoU, fixed": ".3f"},
@@ -159,7 +139,7 @@ TABLES = (
         kind="virtual",
         about=f"three frames a difficulty of each of {EIGHT} "
         "First row: scores; other rows: paired changes. Annotator: simulated, last frame of each person.",
-        shared=RIG_SHARED,
+        shared=SHARED,
         pages=("docs/ablation.md",),
         columns=inputs.COLUMNS,
         measure=inputs.inputs,
