@@ -157,6 +157,17 @@ def test_a_moved_figure_is_listed_below_its_table_and_row(house):
     assert f"- `one` (before: {found.before_from})\n  - all: score 0." in text and "→ 0.100 (0.050" in text
 
 
+def test_a_table_apart_is_a_csv_file_that_its_page_shows(house):
+    apart = replace(TABLE, apart=True)
+    measure(apart, COMMIT, "p", house / "docs" / "figures")
+    assert house / "docs" / "figures" / "one.csv" in write_pages([apart], house)
+    lines = (house / "docs" / "figures" / "one.csv").read_text().splitlines()
+    assert lines[0] == ",frames,score" and lines[2] == "none,0,-"
+    text = (house / "page.md").read_text()
+    assert ":file: figures/one.csv" in text and "| none |" not in text and "about it." in text
+    assert write_pages([apart], house) == []
+
+
 def test_rows_of_the_same_cells_are_one_row():
     rows = {"a": ["1", "-"], "b": ["2", "-"], "c": ["1", "-"]}
     assert list(joined(rows)) == [("a; c", ("1", "-")), ("b", ("2", "-"))]

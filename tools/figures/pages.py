@@ -1,7 +1,9 @@
 """Tables of figures as Markdown, written into the pages between their marks."""
 
+import csv
+import io
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from sensors.files.atomic import write_bytes
@@ -16,6 +18,11 @@ KINDS = {
     "virtual": "Virtual rig",
     "synthetic": "Synthetic images",
 }
+APART = """```{{csv-table}} [{0}](figures/{0}.csv)
+:file: figures/{0}.csv
+:header-rows: 1
+```"""
+"""Block of a table whose figures are in a CSV file beside the page."""
 MARK = re.compile(r"(<!-- figures: (?P<name>[\w-]+) -->\n).*?(<!-- end of figures -->)", re.S)
 MOVED = "moved"  # mark of the figures that moved
 PAGES = {"README.md", "docs/figures.md"}  # with marks of derived blocks
@@ -73,20 +80,34 @@ def joined(rows: Mapping[str, list[str]]) -> Iterable[tuple[str, tuple[str, ...]
     return (("; ".join(alike), cells) for cells, alike in names.items())
 
 
-def markdown_of(table: Table, rows: Rows) -> str:
-    """Return the Markdown of a table's figures; rows that print the same figures are one line."""
+def lines_of(table: Table, rows: Rows) -> list[list[str]]:
+    """Return the heads and lines of a table's figures; rows that print the same figures are one line."""
     shown = {
         name: [cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items()]
         for name, cells in rows.items()
     }
-    return markdown(["", *table.columns], ([names, *cells] for names, cells in joined(shown)))
+    return [["", *table.columns], *([names, *cells] for names, cells in joined(shown))]
+
+
+def markdown_of(table: Table, rows: Rows) -> str:
+    """Return the Markdown of a table's figures."""
+    heads, *lines = lines_of(table, rows)
+    return markdown(heads, lines)
+
+
+def csv_of(table: Table, rows: Rows) -> bytes:
+    """Return a table's figures as CSV."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(lines_of(table, rows))
+    return text.getvalue().encode()
 
 
 def table_block(table: Table, measured: Measured) -> str:
     """Return a table of figures with its source below."""
     command = f"`make figures ONLY={table.name}`"
     from_ = f"{KINDS[table.kind]}: {table.about} {command}, {origin(measured)}."
-    return f"{markdown_of(table, measured.rows)}\n\n{from_} {table.shared}"
+    shown = APART.format(table.name) if table.apart else markdown_of(table, measured.rows)
+    return f"{shown}\n\n{from_} {table.shared}"
 
 
 def digest(measured: Mapping[str, Measured]) -> str | None:
@@ -141,8 +162,8 @@ def said_of(compared: int, count: int) -> str:
     )
 
 
-def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
-    """Write all measured tables into the pages with their marks; return the changed pages."""
+def files_of(tables: list[Table], root: Path) -> Iterator[tuple[Path, bytes]]:
+    """Yield the pages and CSV files that hold measured tables, with their content by the measurements."""
     known = {table.name: table for table in tables}
     measured = {name: found for name, table in known.items() if (found := load(table, root / "docs/figures"))}
 
@@ -153,11 +174,18 @@ def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
             return DERIVED[name](measured)
         return table_block(known[name], measured[name]) if name in measured else None
 
-    written = []
+    for name, found in measured.items():
+        if known[name].apart:
+            yield root / f"docs/figures/{name}.csv", csv_of(known[name], found.rows)
     for page in sorted({page for table in tables for page in table.pages} | PAGES):
-        path = root / page
-        before = path.read_text()
-        if (after := spliced(before, block_of)) != before:
-            write_bytes(path, after.encode())
-            written.append(path)
-    return written
+        yield root / page, spliced((root / page).read_text(), block_of).encode()
+
+
+def write_pages(tables: list[Table], root: Path = ROOT) -> list[Path]:
+    """Write all measured tables into the pages with their marks; return the changed files."""
+    changed = [
+        (path, new) for path, new in files_of(tables, root) if not path.is_file() or path.read_bytes() != new
+    ]
+    for path, new in changed:
+        write_bytes(path, new)
+    return [path for path, _ in changed]

@@ -54,7 +54,7 @@ class Table:
     and what not, one line. pages: files with the marks. columns: heading -> format. measure: seed -> rows.
     seeded: False if the seed changes nothing. needs: folder of recordings without which the table stays.
     timed: columns of processor time, in which nothing counts as moved. sheets: seed -> worst frames, of which
-    contact sheets are written.
+    contact sheets are written. apart: the page shows the figures from a CSV file beside it.
     """
 
     name: str
@@ -68,6 +68,7 @@ class Table:
     needs: Path | None = None
     timed: tuple[str, ...] = ()
     sheets: Callable[[int], Sheets] | None = None
+    apart: bool = False
 
 
 @dataclass(frozen=True)

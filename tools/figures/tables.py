@@ -69,6 +69,7 @@ TABLES = (
         pages=DETAILS,
         columns=JOINT_COLUMNS,
         measure=joints.by_group,
+        apart=True,
     ),
     Table(
         name="labels",
@@ -101,6 +102,7 @@ TABLES = (
         pages=DETAILS,
         columns=IMAGE_COLUMNS,
         measure=network.by_kind,
+        apart=True,
     ),
     Table(
         name="cameras",
