@@ -145,5 +145,6 @@ TABLES = (
         pages=("docs/ablation.md",),
         columns=inputs.COLUMNS,
         measure=inputs.inputs,
+        apart=True,
     ),
 )
