@@ -1,5 +1,6 @@
 """The documentation's figures: measured on the seed of a commit, compared by people, written into pages."""
 
+import csv
 import json
 import math
 import re
@@ -138,7 +139,7 @@ def test_a_development_run_prints_and_writes_nothing(how, house, monkeypatch, ca
 
 def test_pages_hold_what_was_measured_and_nothing_else_changes(house):
     seed = measure(TABLE, COMMIT, "p", house / "docs" / "figures").seed
-    assert {path.name for path in write_pages([TABLE], house)} == {"page.md", "figures.md"}
+    assert {path.name for path in write_pages([TABLE], house)} == {"page.md", "figures.md", "moved.csv"}
     text = (house / "page.md").read_text()
     assert text.startswith("before\n\n") and text.endswith("after\n") and "old" not in text
     assert "| none | 0 | - |" in text and f"seed {seed}" in text and "Nothing." in text
@@ -148,13 +149,17 @@ def test_pages_hold_what_was_measured_and_nothing_else_changes(house):
     assert spliced(marks, lambda name: None) == marks and load(unmeasured, house) is None
 
 
-def test_a_moved_figure_is_listed_below_its_table_and_row(house):
-    measure(TABLE, COMMIT, "p", house / "docs" / "figures")
+def test_a_moved_figure_is_a_line_of_a_file(house):
+    kept = house / "docs" / "figures"
+    measure(TABLE, COMMIT, "p", kept)
     worse = replace(TABLE, measure=lambda seed: {"all": {"score": Figure(0.1, 0.05, 0.15)}})
-    found = measure(worse, OTHER, "p", house / "docs" / "figures")
-    write_pages([TABLE], house)
+    found = measure(worse, OTHER, "p", kept)
+    assert kept / f"{MOVED}.csv" in write_pages([TABLE], house)
+    (line,) = list(csv.reader((kept / f"{MOVED}.csv").read_text().splitlines()))[1:]
+    assert line[:3] == ["one", "all", "score"] and line[4].startswith("0.100 (0.050")
+    assert line[5] == found.before_from
     text = (house / "docs" / "figures.md").read_text()
-    assert f"- `one` (before: {found.before_from})\n  - all: score 0." in text and "→ 0.100 (0.050" in text
+    assert "1 figures stood here before; 1 of them" in text and f"figures/{MOVED}.csv" in text
 
 
 def test_a_table_apart_is_a_csv_file_that_its_page_shows(house):

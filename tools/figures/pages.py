@@ -18,6 +18,7 @@ KINDS = {
     "virtual": "Virtual rig",
     "synthetic": "Synthetic images",
 }
+Lines = list[list[str]]  # cells of a table, its heads first
 APART = """```{{csv-table}} [{0}](figures/{0}.csv)
 :file: figures/{0}.csv
 :header-rows: 1
@@ -80,7 +81,7 @@ def joined(rows: Mapping[str, list[str]]) -> Iterable[tuple[str, tuple[str, ...]
     return (("; ".join(alike), cells) for cells, alike in names.items())
 
 
-def lines_of(table: Table, rows: Rows) -> list[list[str]]:
+def lines_of(table: Table, rows: Rows) -> Lines:
     """Return the heads and lines of a table's figures; rows that print the same figures are one line."""
     shown = {
         name: [cells[c].text(spec) if c in cells else "-" for c, spec in table.columns.items()]
@@ -95,10 +96,10 @@ def markdown_of(table: Table, rows: Rows) -> str:
     return markdown(heads, lines)
 
 
-def csv_of(table: Table, rows: Rows) -> bytes:
-    """Return a table's figures as CSV."""
+def csv_of(lines: Lines) -> bytes:
+    """Return heads and lines as CSV."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(lines_of(table, rows))
+    csv.writer(text, lineterminator="\n").writerows(lines)
     return text.getvalue().encode()
 
 
@@ -135,23 +136,23 @@ DERIVED: dict[str, Callable[[Mapping[str, Measured]], str | None]] = {
 """Functions that write other blocks from the measured tables, by mark."""
 
 
-def moved_block(tables: Iterable[Table], all_measured: dict[str, Measured]) -> str:
-    """Return the figures that moved since the measurement before, by table and row."""
-    lines: list[str] = []
-    compared = count = 0
+def moved_lines(tables: Iterable[Table], all_measured: Mapping[str, Measured]) -> tuple[int, Lines]:
+    """Return the number of compared figures, and heads and lines of the figures that moved since before."""
+    lines, compared = [["table", "row", "figure", "before", "now", "before: measured"]], 0
     for table in tables:
         if (measured := all_measured.get(table.name)) is None:
             continue
         found = changes(table, measured.before, measured.rows, paired=not table.seeded)
-        rows: dict[str, list[str]] = {}
+        compared += len(found)
         for one in (one for one in found if one.moved):
             old, new = (figure.text(table.columns[one.column]) for figure in (one.old, one.new))
-            rows.setdefault(one.row, []).append(f"{one.column} {old} \u2192 {new}")
-        if rows:
-            lines.append(f"- `{table.name}` (before: {measured.before_from})")
-            lines.extend(f"  - {names}: {'; '.join(cells)}" for names, cells in joined(rows))
-        compared, count = compared + len(found), count + sum(map(len, rows.values()))
-    return "\n".join([said_of(compared, count), *([""] if lines else []), *lines])
+            lines.append([table.name, one.row, one.column, old, new, measured.before_from])
+    return compared, lines
+
+
+def moved_block(compared: int, lines: Lines) -> str:
+    """Return a sentence on the figures that moved, and their file."""
+    return f"{said_of(compared, len(lines) - 1)}\n\n{APART.format(MOVED)}"
 
 
 def said_of(compared: int, count: int) -> str:
@@ -166,17 +167,19 @@ def files_of(tables: list[Table], root: Path) -> Iterator[tuple[Path, bytes]]:
     """Yield the pages and CSV files that hold measured tables, with their content by the measurements."""
     known = {table.name: table for table in tables}
     measured = {name: found for name, table in known.items() if (found := load(table, root / "docs/figures"))}
+    compared, lines = moved_lines(tables, measured)
 
     def block_of(name: str) -> str | None:
         if name == MOVED:
-            return moved_block(tables, measured)
+            return moved_block(compared, lines)
         if name in DERIVED:
             return DERIVED[name](measured)
         return table_block(known[name], measured[name]) if name in measured else None
 
     for name, found in measured.items():
         if known[name].apart:
-            yield root / f"docs/figures/{name}.csv", csv_of(known[name], found.rows)
+            yield root / f"docs/figures/{name}.csv", csv_of(lines_of(known[name], found.rows))
+    yield root / f"docs/figures/{MOVED}.csv", csv_of(lines)
     for page in sorted({page for table in tables for page in table.pages} | PAGES):
         yield root / page, spliced((root / page).read_text(), block_of).encode()
 
