@@ -132,3 +132,11 @@ def test_workers_do_not_outlive_a_killed_parent(tmp_path):
     while Path("/proc", str(worker)).exists():
         assert time.monotonic() < deadline, "the worker lives on"
         time.sleep(0.05)
+
+
+def test_ctrl_c_of_a_terminal_does_not_reach_a_worker():
+    """A terminal sends it to all processes; the parent ends its workers."""
+    with processes(1) as workers:
+        masked = workers.executor.submit(signal.pthread_sigmask, signal.SIG_BLOCK, ()).result()
+    assert signal.SIGINT in masked
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())

@@ -168,3 +168,79 @@ def test_a_hangup_that_is_ignored_stays_ignored():
             assert not ending.asked
     finally:
         signal.signal(signal.SIGHUP, before)
+
+
+INTERRUPTED = """
+import os, signal, sys, threading, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
+kind, folder = sys.argv[1:]
+sys.path.insert(0, folder)
+sys.argv = ["annotate-cloud", "info", "absent.mcap"]
+import cli, cli.main
+
+def interrupt(*_):
+    os.kill(os.getpid(), signal.SIGINT)
+    time.sleep(0.02)
+
+class Callback:
+    def __del__(self):
+        interrupt()
+
+def app():
+    if kind == "error":
+        try:
+            interrupt()
+        except KeyboardInterrupt:
+            raise cli.main.CloudError("an extra is not installed") from None
+    if kind == "callback":
+        Callback()
+    if kind == "import":
+        import interrupted_module
+    if kind == "twice":
+        try:
+            interrupt()
+        finally:
+            interrupt()
+    if kind == "plain":
+        interrupt()
+    time.sleep(10)
+
+cli.main.app = app
+cli.command()
+"""
+
+
+@pytest.mark.parametrize("kind", ["plain", "error", "callback", "import", "twice"])
+def test_ctrl_c_at_any_moment_of_a_command_is_one_line(tmp_path, kind):
+    module = (
+        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nopen(__file__ + '.whole', 'w').close()\n"
+    )
+    (tmp_path / "interrupted_module.py").write_text(module)
+    command = [sys.executable, "-c", INTERRUPTED, kind, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stdout) == (130, ""), done.stderr
+    assert done.stderr == "annotate-cloud: interrupted; the same command begins anew\n"
+    assert (tmp_path / "interrupted_module.py.whole").exists() == (kind == "import")
+
+
+STARTED = """
+import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == "cli.main":
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Finder())
+from cli import command
+command()
+"""
+
+
+def test_ctrl_c_during_the_first_imports_is_one_line():
+    done = subprocess.run(
+        [sys.executable, "-c", STARTED, "info", "absent.mcap"], capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 130
+    assert done.stderr == "annotate-cloud: interrupted; the same command begins anew\n"

@@ -2,12 +2,14 @@
 
 import logging
 import os
+import signal
 import threading
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context, parent_process
+from multiprocessing.context import SpawnContext, SpawnProcess
 from multiprocessing.process import BaseProcess
 from multiprocessing.synchronize import Semaphore
 from typing import Any, NamedTuple
@@ -27,11 +29,29 @@ class Workers(NamedTuple):
     parallel: int
 
 
+class _Worker(SpawnProcess):
+    """Process that Ctrl-C does not reach from its first instruction on, because its parent ends it."""
+
+    def start(self) -> None:
+        """Start the process, with a blocked SIGINT that it inherits."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            super().start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+class _WorkerContext(SpawnContext):
+    """Context whose processes are ``_Worker``."""
+
+    Process = _Worker
+
+
 @contextmanager
 def processes(count: int) -> Iterator[Workers]:
     """Start ``count`` processes, each on one core. Raises CloudError when a process is killed."""
     check_semaphores()
-    spawn = get_context("spawn")
+    spawn = _WorkerContext()
     lines = spawn.Semaphore(int(is_due()))
     try:
         with ProcessPoolExecutor(count, spawn, _begin, (lines,)) as pool:
