@@ -22,7 +22,7 @@ from typer import Option
 
 from cli.remedies import remedied
 from sensors.errors import ExistsError, Setting, one_line
-from sensors.files.atomic import is_taken
+from sensors.files.atomic import check_folder_name, is_taken
 
 if TYPE_CHECKING:
     from annotate.label_recording import Run
@@ -190,9 +190,13 @@ def finish_run(result: dict[str, Any], run: "Run", as_json: bool, text: str) -> 
 
 
 def check_room(out: Path, marker: str, overwrite: bool, *inputs: Path) -> None:
-    """Raise ExistsError unless a folder is new, contains the file ``marker``, or may be replaced."""
+    """Raise ExistsError unless a folder is new, contains the file ``marker``, or may be replaced.
+
+    Raises CloudError for a new folder with the name of a file.
+    """
     from annotate.labelset.atomic_folder import check_replaceable
 
+    check_folder_name(out)
     if overwrite and out.exists():
         check_replaceable(out, marker, *inputs)
     elif is_taken(out) and not (out / marker).is_file():

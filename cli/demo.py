@@ -10,7 +10,7 @@ from typer import Option
 
 from cli.console import Json, Overwrite, clear, finish, progress, table
 from cli.extras import needing
-from sensors.files.atomic import check_free, write_bytes
+from sensors.files.atomic import check_folder_name, check_free, write_bytes
 
 if TYPE_CHECKING:
     from annotate.labelset.label_set import LabelSet
@@ -27,6 +27,7 @@ def demo(
     json: Json = False,
 ) -> None:
     """Run all steps on the virtual rig, from recording to report."""
+    check_folder_name(out)
     check_free(out, overwrite, folder=True)
     with needing("synth", "report"):
         from eval.report import page  # noqa: F401

@@ -17,6 +17,7 @@ from typer import Option
 from cli.console import clear, finish, progress, say, table
 from cli.remedies import remedied
 from sensors.errors import CloudError
+from sensors.files.atomic import check_folder_name
 from sensors.files.natural_order import paths_in_order
 from sensors.importers.open_source import open_source
 from sensors.session.recording_file import SUFFIX
@@ -165,6 +166,7 @@ def label_each(
     """
     from annotate.labelset import label_set as store
 
+    check_folder_name(out)
     for name, path in sessions.items():
         clear(out / name, store.MANIFEST, options.overwrite, path)
     out.mkdir(parents=True, exist_ok=True)

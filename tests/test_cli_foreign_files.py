@@ -96,6 +96,70 @@ def test_nothing_is_written_into_the_labels_that_are_read(annotate_cloud, rig_la
     assert tree(rig_labels.path) == before
 
 
+OWN = {
+    "label set": "a label set",
+    "dataset": "a dataset",
+    "w.onnx": "a network",
+    "model": "the folder of a network",
+    "w.safetensors": "the weights of a network",
+    "six.toml": "a scheme",
+    "suit.toml": "the palette of a suit",
+    "rig": "the folder of a rig",
+    "rig.toml": "a rig file",
+    "results.npz": "the results of 'evaluate'",
+    "report.html": "a page",
+    "rep": "the folder of a report",
+    "s.mcap": "a recording",
+}
+"""Files and folders of this program, and their names in a refusal."""
+TAKERS = {
+    "label {} --out out": ("not a recording", {"s.mcap"}),
+    "try {} --out out": ("not a recording", {"s.mcap"}),
+    "import {} out.mcap": ("not a recording", {"s.mcap"}),
+    "validate {}": ("not a recording", {"s.mcap", "label set", "dataset"}),
+    "info {}": ("not a recording", {"s.mcap", "label set", "dataset"}),
+    "strip {} out.mcap --colour": ("give a session", {"s.mcap"}),
+    "repair {}": ("give a", {"s.mcap"}),
+    "live {} --no-window": ("not a recording", {"s.mcap"}),
+    "fix {}": ("not a label set", {"label set"}),
+    "learn {} --out out": ("not a label set", {"label set"}),
+    "adapt {} --out out": ("not a label set", {"label set"}),
+    "convert {} --scheme six --out out": ("not a label set", {"label set", "dataset"}),
+    "export {} out --format coco": ("not a label set", {"label set"}),
+    "evaluate {} labels": ("not a label set", {"label set", "dataset"}),
+}
+"""Verbs, the end of their refusal, and the kinds that they take."""
+
+
+@pytest.fixture(scope="module")
+def own_files(rig_session, rig_labels, tmp_path_factory) -> Path:
+    """Return a folder with one of each kind of ``OWN``; contents that no verb reads are missing."""
+    folder = tmp_path_factory.mktemp("own")
+    shutil.copy(rig_session, folder / "s.mcap")
+    shutil.copytree(rig_labels.path, folder / "label set")
+    for name in ("dataset/dataset.json", "model/weights.onnx", "rep/report.html", "w.onnx", "w.safetensors"):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text("{}")
+    (folder / "report.html").write_text("<!doctype html>")
+    (folder / "six.toml").write_text("name = 'six'\n[[parts]]\nname = 'head'\n")
+    (folder / "suit.toml").write_text("name = 'mine'\n[colors]\nhead = ['#ffffff']\n")
+    (folder / "rig.toml").write_text("name = 'mine'\ndevices = ['kinect2:']\n")
+    shutil.copytree(folder, folder / "rig", ignore=lambda _, names: set(names) - {"rig.toml"})
+    np.savez(folder / "results.npz", counts=np.zeros(3), texts=np.zeros(3))
+    return folder
+
+
+@pytest.mark.parametrize("command", TAKERS)
+def test_a_file_of_this_program_in_place_of_another_is_named(annotate_cloud, own_files, monkeypatch, command):
+    monkeypatch.chdir(own_files)
+    before = tree(own_files)
+    end, taken = TAKERS[command]
+    for name in sorted(OWN.keys() - taken):
+        done = annotate_cloud(*(name if word == "{}" else word for word in command.split()))
+        assert_refused(done, name, OWN[name], end)
+    assert tree(own_files) == before
+
+
 def test_axes_of_a_recording_without_points_are_refused(annotate_cloud, rig_session, tmp_path):
     refused = annotate_cloud("import", rig_session, tmp_path / "x.mcap", "--axes", "up")
     assert_refused(refused, "is not a cloud of points; leave the axes out (--axes)")
@@ -103,6 +167,8 @@ def test_axes_of_a_recording_without_points_are_refused(annotate_cloud, rig_sess
 
 def test_a_folder_in_place_of_a_file_is_named(annotate_cloud, rig_session, rig_labels, tmp_path):
     strip = annotate_cloud("strip", rig_labels.path, tmp_path / "x.mcap", "--colour")
+    assert_refused(strip, "is a label set; give a session's file")
+    strip = annotate_cloud("strip", tmp_path, tmp_path / "x.mcap", "--colour")
     assert_refused(strip, "is a folder; give a session's file")
     (tmp_path / "out.mcap").mkdir()
     assert_refused(annotate_cloud("simulate", tmp_path / "out.mcap"), "is a folder; give the name of a file")

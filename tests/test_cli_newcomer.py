@@ -32,7 +32,9 @@ def test_a_dataset_in_place_of_a_label_set_is_named(annotate_cloud, tmp_path, ve
     (tmp_path / "set" / "dataset.json").write_text("{}")
     more = {"export": (tmp_path / "out", "--format", "cvat")}.get(verb, ())
     done = annotate_cloud(verb, tmp_path / "set", *more)
-    assert_refused(done, "set is a dataset, not a label set; give the label set that predict writes of it")
+    assert_refused(
+        done, "set is a dataset, not a label set; 'train' takes it, 'predict' writes a label set of it"
+    )
 
 
 def test_repair_of_a_folder(annotate_cloud, tmp_path, rig_session):

@@ -138,6 +138,23 @@ OTHER_FORMATS = """
 """Suffixes of an output, and a command that gives it another."""
 
 
+FOLDERS = """
+label SESSION --out AT/out.mcap
+predict SESSION --out AT/out.onnx
+predict LABELS --out AT/out.npz
+try SESSION --out AT/out.html
+learn LABELS --out AT/out.onnx
+train LABELS --out AT/out.onnx
+adapt LABELS --out AT/out.onnx
+convert LABELS --scheme six --out AT/out.toml
+export LABELS AT/out.json --format coco
+synth generate --preset people --out AT/out.tar
+rig kinect2-optris --out AT/out.toml
+demo --out AT/out.html
+"""
+"""Commands that write a folder, with the name of a file."""
+
+
 def commands(group, path=()):
     """Yield the words of every command of the program."""
     for name, one in group.commands.items():
@@ -191,6 +208,18 @@ def test_an_output_named_as_another_format_is_refused(
     done = annotate_cloud(*(names.get(word, word.replace("AT", str(files_there), 1)) for word in words))
     suffix = next(Path(word).suffix for word in words if "AT/out" in word)
     assert_refused(done, f"has the suffix '{suffix}'; give a name that ends in {wanted.replace(',', ' or ')}")
+    assert tree(files_there) == before
+
+
+@pytest.mark.parametrize("command", FOLDERS.strip().splitlines())
+def test_a_folder_named_as_a_file_is_refused(annotate_cloud, files_there, rig_session, rig_labels, command):
+    before = tree(files_there)
+    names = {"SESSION": rig_session, "LABELS": rig_labels.path}
+    done = annotate_cloud(
+        *(names.get(word, word.replace("AT", str(files_there), 1)) for word in command.split())
+    )
+    remarks = len(done.err.splitlines()) - 1
+    assert_refused(done, "of a file; give the name of a folder", remarks=remarks)
     assert tree(files_there) == before
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from annotate.labelset.claim import Claim, login
 from annotate.labelset.journal import JOURNAL
 from sensors.errors import ExistsError, Setting
-from sensors.files.atomic import is_taken, sweep, temporary_of
+from sensors.files.atomic import check_folder_name, is_taken, sweep, temporary_of
 
 
 def check_replaceable(out: Path, marker: str, *inputs: Path) -> None:
@@ -66,6 +66,7 @@ def appearing(out: Path, marker: str, *inputs: Path, overwrite: bool) -> Iterato
     Holds the claim on a replaced folder throughout. Raises ExistsError when ``out`` exists without
     ``overwrite``, and as ``check_replaceable``.
     """
+    check_folder_name(out)
     taken = is_taken(out)
     if taken and not overwrite:
         raise ExistsError(f"{out} already exists; choose another folder", Setting.OVERWRITE)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from annotate.array_types import Float32, UInt8
 from annotate.frame_labels import FrameLabels, Status
 from annotate.labelset import images
-from annotate.labelset.dataset import MANIFEST as DATASET_MANIFEST
 from annotate.labelset.dataset import Entry
 from annotate.labelset.images import Probabilities
 from annotate.labelset.journal import Journal
@@ -24,6 +23,7 @@ from annotate.labelset.scheme_note import check_scheme, scheme_in
 from sensors.errors import CalibrationError, CloudError, ExistsError, FormatError, Setting, fault_of
 from sensors.files.atomic import is_taken, write_bytes
 from sensors.files.natural_order import in_order, paths_in_order
+from sensors.files.own_files import own_file
 from sensors.rig.camera import Intrinsics
 from sensors.versions import versions
 
@@ -343,6 +343,6 @@ def _no_label_set(path: Path) -> str:
         return f"{path} does not exist; check its name"
     if inside := paths_in_order(manifest.parent for manifest in path.glob(f"*/{MANIFEST}")):
         return f"{path} is a folder of label sets ({len(inside)} in all); give one, e.g. {inside[0]}"
-    if (path / DATASET_MANIFEST).exists():
-        return f"{path} is a dataset, not a label set; give the label set that predict writes of it"
+    if own := own_file(path):
+        return f"{path} {own.instead_of('a label set')}"
     return f"{path} is not a label set (it has no {MANIFEST}); give one that label wrote"

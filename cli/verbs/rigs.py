@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from cli.console import Json, Overwrite, finish, table
 from sensors.errors import DeviceError
-from sensors.files.atomic import check_free, replacing, write_bytes
+from sensors.files.atomic import check_folder_name, check_free, replacing, write_bytes
 
 if TYPE_CHECKING:
     from sensors.recording.rig_templates import RigTemplate
@@ -46,6 +46,7 @@ def rig(
     template = template_named(name)
     if out is None:
         raise DeviceError(f"no folder for rig {name!r}; give --out FOLDER")
+    check_folder_name(out)
     for file in (RIG, CALIBRATION, PLATE):
         check_free(out / file, overwrite)
     out.mkdir(parents=True, exist_ok=True)

@@ -21,7 +21,7 @@ from eval.fine_tuning.run import FineTuner
 from eval.fine_tuning.training_split import corrected_frames
 from eval.training.progress import Progress
 from sensors.errors import ExistsError
-from sensors.files.atomic import is_taken, write_bytes
+from sensors.files.atomic import check_folder_name, is_taken, write_bytes
 
 WEIGHTS, LABELS = "weights.onnx", "labels"
 RECORD, RUN = "learnt.json", "run"
@@ -64,7 +64,8 @@ def fine_tuner_of(labels: LabelSet, session: Path | None, start: Path | None) ->
 
 
 def check_folder(out: Path) -> None:
-    """Raise ExistsError for an existing folder that no fine-tuning wrote."""
+    """Raise ExistsError for a folder that no fine-tuning wrote, CloudError for a name of a file."""
+    check_folder_name(out)
     if is_taken(out) and not ((out / RECORD).is_file() or (out / RUN).is_dir()):
         raise ExistsError(f"{out} was not made by this command (it has no {RECORD}); choose another folder")
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 from sensors.errors import CloudError, ExistsError, FormatError, Setting
 
+FILE_SUFFIXES = (".mcap", ".onnx", ".safetensors", ".npz", ".toml", ".json", ".html", ".tar")
+"""Suffixes of files that this program writes."""
 _TOKEN = os.urandom(4).hex()  # unpredictable, so that no link can wait at a temporary name
 
 
@@ -28,6 +30,12 @@ def check_free(path: Path, overwrite: bool, *, folder: bool = False, suffix: str
         raise ExistsError(f"{path} is a folder; give the name of a file")
     if os.path.lexists(path) and not overwrite:  # a dangling link too
         raise ExistsError(f"{path} already exists; choose another name", Setting.OVERWRITE)
+
+
+def check_folder_name(path: Path) -> None:
+    """Raise CloudError where a new folder has the name of a file that this program writes."""
+    if path.suffix.lower() in FILE_SUFFIXES and not path.exists():
+        raise CloudError(f"{path} has the suffix {path.suffix!r} of a file; give the name of a folder")
 
 
 def is_taken(folder: Path) -> bool:

@@ -21,6 +21,7 @@ from sensors.checks.depth_check import judge_depth, spread
 from sensors.errors import CalibrationError, FormatError
 from sensors.files.bounded import MAX_IMAGE_SIDE
 from sensors.files.npz import array_sizes, load_arrays
+from sensors.files.own_files import own_file
 from sensors.importers.options import AS_STATED, ImportOptions
 from sensors.rig.camera import Intrinsics
 from sensors.rig.frame import FrameSource, RigFrame, regular_times_ns
@@ -88,6 +89,8 @@ def _depth(path: Path, arrays: Arrays, names: list[str]) -> NDArray[Any]:
     """Return the depth array as it is, with three axes."""
     name = next((name for name in (*_DEPTHS, *(names if len(names) == 1 else ())) if name in arrays), None)
     if name is None:
+        if own := own_file(path):
+            raise FormatError(f"{path} {own.instead_of('a recording')}")
         others = ", ".join(name[:30] for name in sorted(names)[:8])
         raise FormatError(f"{path} holds no array 'depth' (it has {others or 'none'}); rename it to 'depth'")
     depth = arrays[name]

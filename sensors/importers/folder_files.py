@@ -21,6 +21,7 @@ import numpy as np
 from sensors.errors import FormatError
 from sensors.files.images import SUFFIXES
 from sensors.files.natural_order import paths_in_order
+from sensors.files.own_files import own_file
 from sensors.rig.pairing import COLOR_WINDOW_NS, pair_stamps
 
 STREAMS = {"depth": ("depth",), "color": ("color", "colour", "rgb"), "thermal": ("thermal",)}
@@ -214,6 +215,8 @@ def _kinds(folder: Path) -> str:
 
 def _no_depth(folder: Path) -> str:
     """Return the text of an error: contents of a folder without depth images, and the remedy."""
+    if own := own_file(folder):
+        return f"{folder} {own.instead_of('a recording')}"
     held = f" (it holds {kinds} files)" if (kinds := _kinds(folder)) else ""
     place = folder if folder.name.lower() in STREAMS["depth"] else folder / "depth"
     return f"{folder} holds no depth images{held}; put 16-bit PNGs into {place}"

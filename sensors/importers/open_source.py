@@ -218,6 +218,10 @@ def _other(path: Path, head: bytes, options: ImportOptions) -> Opener:
     by_bytes = (text for at, magic, text in _FOREIGN_BYTES if head[at:].startswith(magic))
     if kind := next(by_bytes, None) or _FOREIGN_SUFFIXES.get(suffix):
         raise FormatError(f"{path} is of an unsupported kind: {kind}")
+    from sensors.files.own_files import own_file
+
+    if own := own_file(path):
+        raise FormatError(f"{path} {own.instead_of('a recording')}")
     raise FormatError(f"{path} is of an unknown kind; see the kinds: annotate-cloud import --help")
 
 

@@ -22,6 +22,7 @@ from mcap.records import Chunk, McapRecord, Message
 from mcap.stream_reader import StreamReader
 
 from sensors.errors import FormatError
+from sensors.files.own_files import RECORDING, own_file
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 1 << 28  # of a record, and of an unpacked chunk: room for the largest image
@@ -50,7 +51,9 @@ def record_offsets(file: BinaryIO) -> Iterator[int]:
     size = os.fstat(file.fileno()).st_size
     file.seek(0)
     if file.read(len(MAGIC)) != MAGIC:
-        raise FormatError(f"{file.name} is {'empty' if size == 0 else 'not an MCAP file'}; give a session")
+        own = own_file(Path(file.name))
+        kind = "empty" if size == 0 else own.kind if own and own.kind != RECORDING else "not an MCAP file"
+        raise FormatError(f"{file.name} is {kind}; give a session")
     offset = len(MAGIC)
     while offset + HEAD.size <= size:
         file.seek(offset)

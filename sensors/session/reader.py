@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.errors import CloudError, FormatError, one_line
+from sensors.files.own_files import own_file
 from sensors.rig.frame import FrameSource, RigFrame
 from sensors.rig.pairing import (
     COLOR_WINDOW_NS,
@@ -64,7 +65,8 @@ class Session(FrameSource):
     def __init__(self, path: Path) -> None:
         path = recording_at(path)
         if path.is_dir():
-            raise FormatError(f"{path} is a folder; give a session's file")
+            own = own_file(path)
+            raise FormatError(f"{path} is {own.kind if own else 'a folder'}; give a session's file")
         try:
             contents = read_contents(path)
         except CloudError as error:

@@ -16,6 +16,7 @@ from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Meta
 
 from sensors.errors import CloudError, FormatError
 from sensors.files.atomic import check_free, check_suffix, replacing
+from sensors.files.own_files import own_file
 from sensors.session.index import MAX_MESSAGES, read_contents, scan
 from sensors.session.indexed_writer import IndexedWriter
 from sensors.session.mcap_records import HEAD, MAGIC, parsed, spans
@@ -118,7 +119,8 @@ def repair(path: Path, out: Path | None = None, *, overwrite: bool = False) -> R
     source = recording_at(path)
     if source.is_dir():
         check_no_sessions(source)
-        raise FormatError(f"{path} is a folder; give a recorded session")
+        own = own_file(source)
+        raise FormatError(f"{path} is {own.kind if own else 'a folder'}; give a recorded session")
     if not source.is_file():
         raise FormatError(f"{path} does not exist; give a recorded session")
     if out is not None:

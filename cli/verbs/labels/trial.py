@@ -17,7 +17,7 @@ from cli.verbs.labels.labelling import COLOUR, LabelChoices, check_colour
 from cli.verbs.labels.prediction import PredictChoices
 from cli.verbs.learning import adapted, adapted_text
 from sensors.errors import CloudError, ExistsError
-from sensors.files.atomic import is_taken, write_bytes
+from sensors.files.atomic import check_folder_name, is_taken, write_bytes
 from sensors.importers.open_source import doubts_of
 
 if TYPE_CHECKING:
@@ -97,6 +97,7 @@ def _begin(out: Path, recording: Path) -> None:
     from annotate.labelset.json_object import read_object
 
     marker, origin = out / MARKER, {"recording": str(recording.resolve())}
+    check_folder_name(out)
     if not marker.is_file():
         if is_taken(out):
             raise ExistsError(f"{out} already exists; choose another folder")
