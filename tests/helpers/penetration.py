@@ -6,6 +6,8 @@ counts. Where two parts meet skin folds and flesh is pressed flat, so vertices n
 left out: ``FOLDS`` names the joint and the radius for every such pair, and no other pair has any relief.
 """
 
+from dataclasses import dataclass
+from functools import lru_cache
 from itertools import permutations
 
 import numpy as np
@@ -62,15 +64,11 @@ def penetrations_m(
 ) -> dict[tuple[int, int], float]:
     """Deepest vertex of the first part inside the second, for all pairs that touch."""
     found: dict[tuple[int, int], float] = {}
-    ids = [part.id for part in BODY_PARTS]
-    faces = {i: body.faces[body.face_parts == i] for i in ids}
-    used = {i: np.unique(faces[i]) for i in ids}
-    low = {i: vertices_m[used[i]].min(axis=0) for i in ids}
-    high = {i: vertices_m[used[i]].max(axis=0) for i in ids}
-    closed = {i: _scene(*_close(vertices_m, faces[i])) for i in ids}
-    skin = {i: _scene(vertices_m, faces[i]) for i in ids}
-    for a, b in permutations(ids, 2):
-        points = vertices_m[np.setdiff1d(used[a], used[b])]
+    cut = _pieces(body.faces.tobytes(), body.face_parts.tobytes())
+    low = {i: vertices_m[piece.used].min(axis=0) for i, piece in cut.items()}
+    high = {i: vertices_m[piece.used].max(axis=0) for i, piece in cut.items()}
+    for a, b in permutations(cut, 2):
+        points = vertices_m[cut[a].apart[b]]
         points = points[((points > low[b]) & (points < high[b])).all(axis=1)]
         joints, radius = FOLDS.get(frozenset((a, b)), ((), 0.0))
         for joint in joints:
@@ -78,12 +76,49 @@ def penetrations_m(
         if len(points) == 0:
             continue
         points = np.ascontiguousarray(points, np.float32)
-        inside = closed[b].compute_occupancy(o3d.core.Tensor.from_numpy(points), nsamples=3).numpy() > 0
+        closed = _scene(*cut[b].closed(vertices_m))
+        inside = closed.compute_occupancy(o3d.core.Tensor.from_numpy(points), nsamples=3).numpy() > 0
         if inside.any():
+            skin = _scene(vertices_m, cut[b].faces)
             found[a, b] = float(
-                skin[b].compute_distance(o3d.core.Tensor.from_numpy(points[inside])).numpy().max()
+                skin.compute_distance(o3d.core.Tensor.from_numpy(points[inside])).numpy().max()
             )
     return found
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Skin of one part.
+
+    used: ids of its vertices. borders: edges (E, 2) of its open borders. loops: number (E,) of the border of
+    each edge. apart: ids of its vertices that another part lacks, by that part.
+    """
+
+    faces: NDArray[np.int32]
+    used: NDArray[np.int32]
+    borders: NDArray[np.int32]
+    loops: NDArray[np.int64]
+    apart: dict[int, NDArray[np.int32]]
+
+    def closed(self, vertices_m: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+        """Return the vertices and faces with a fan from the middle of every open border over that border."""
+        count = self.loops.max(initial=-1) + 1
+        middles = [vertices_m[np.unique(self.borders[self.loops == k])].mean(axis=0) for k in range(count)]
+        fans = np.column_stack([self.borders[:, ::-1], len(vertices_m) + self.loops]).astype(np.int32)
+        vertices = np.concatenate([vertices_m, np.array(middles, np.float32).reshape(-1, 3)])
+        return vertices, np.concatenate([self.faces, fans])
+
+
+@lru_cache(maxsize=4)
+def _pieces(faces: bytes, face_parts: bytes) -> dict[int, _Piece]:
+    """Cut a body's skin into its parts. All poses and most bodies share their faces."""
+    triangles, parts = np.frombuffer(faces, np.int32).reshape(-1, 3), np.frombuffer(face_parts, np.uint8)
+    own = {part.id: triangles[parts == part.id] for part in BODY_PARTS}
+    used = {i: np.unique(own[i]) for i in own}
+    return {
+        i: _Piece(own[i], used[i], *_borders(own[i]), {j: np.setdiff1d(used[i], used[j]) for j in own})
+        for i in own
+    }
 
 
 def _scene(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> o3d.t.geometry.RaycastingScene:
@@ -93,19 +128,12 @@ def _scene(vertices_m: NDArray[np.float32], faces: NDArray[np.int32]) -> o3d.t.g
     return scene
 
 
-def _close(
-    vertices_m: NDArray[np.float32], faces: NDArray[np.int32]
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """The mesh with a fan from its middle over every open border."""
+def _borders(faces: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Return the edges (E, 2) that belong to one face, and the number (E,) of the loop of each edge."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     _, index, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     border = edges[index[count == 1]]
-    loop = _components(border)
-    middles = [vertices_m[np.unique(border[loop == k])].mean(axis=0) for k in range(loop.max(initial=-1) + 1)]
-    fans = np.column_stack([border[:, ::-1], len(vertices_m) + loop]).astype(np.int32)
-    return np.concatenate([vertices_m, np.array(middles, np.float32).reshape(-1, 3)]), np.concatenate(
-        [faces, fans]
-    )
+    return border, _components(border)
 
 
 def _components(edges: NDArray[np.int32]) -> NDArray[np.int64]:
