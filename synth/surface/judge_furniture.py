@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from synth.data_files import JUDGE, Cast
 from synth.surface.furniture import ArmChair, Bed, Chair, Footprint, Furniture, Seat, Sofa, Solid, Surface
 from synth.surface.rasterize import Mesh, tagged
+from synth.surface.varied_furniture import vary_bed, vary_chair, vary_sofa
 
 LEG_M = 0.05  # side of a leg; of a rail's post less
 SPOKES = 24  # corners of a wheel
@@ -267,12 +268,16 @@ OWN: tuple[type[Furniture], ...] = (*SOFAS, *CHAIRS, *BEDS)
 
 def draw_sofa(cast: Cast, rng: np.random.Generator) -> Sofa:
     """Draw a cast's sofa or arm-chair."""
-    return (SOFAS[int(rng.integers(len(SOFAS)))] if cast == JUDGE else Sofa).sample(rng)
+    if cast == JUDGE:
+        return SOFAS[int(rng.integers(len(SOFAS)))].sample(rng)
+    return vary_sofa(Sofa.sample(rng), rng.spawn(1)[0])
 
 
 def draw_chair(cast: Cast, rng: np.random.Generator) -> Chair:
     """Draw a cast's chair."""
-    return (CHAIRS[int(rng.integers(len(CHAIRS)))] if cast == JUDGE else Chair).sample(rng)
+    if cast == JUDGE:
+        return CHAIRS[int(rng.integers(len(CHAIRS)))].sample(rng)
+    return vary_chair(Chair.sample(rng), rng.spawn(1)[0])
 
 
 def draw_arm_chair(cast: Cast, rng: np.random.Generator) -> Chair:
@@ -282,4 +287,6 @@ def draw_arm_chair(cast: Cast, rng: np.random.Generator) -> Chair:
 
 def draw_bed(cast: Cast, rng: np.random.Generator) -> Bed:
     """Draw a cast's bed."""
-    return (BEDS[int(rng.integers(len(BEDS)))] if cast == JUDGE else Bed).sample(rng)
+    if cast == JUDGE:
+        return BEDS[int(rng.integers(len(BEDS)))].sample(rng)
+    return vary_bed(Bed.sample(rng), rng.spawn(1)[0])

@@ -17,7 +17,7 @@ from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import Mesh
 from synth.surface.wheelchair import draw_wheelchair
 
-STANDING, RISING, SITTING_DOWN = 0.5, 0.6, 0.88  # cumulative shares of groups; the rest lie
+STANDING, RISING, SITTING_DOWN = 0.45, 0.55, 0.8  # cumulative shares of groups; the rest lie
 SOFA, WHEELCHAIR = 0.45, 0.6  # cumulative shares of seats; the rest are chairs
 ALONE = 0.4  # share of sofas for one person
 AT_TABLE, WITH_WALKER, RAILED = 0.45, 0.08, 0.5  # shares of chairs at a table, of standing people, of beds
