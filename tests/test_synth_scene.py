@@ -7,9 +7,12 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from synth.body.body import volume_m3
+from synth.data_files import TRAINING
 from synth.images.viewpoints import overhead_place
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
+from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import box, look_at, merge, sheet
+from synth.surface.varied_furniture import Bars, vary_bed, vary_chair, vary_sofa
 
 FURNITURE = [Sofa(), Chair(), Bed()]
 
@@ -60,6 +63,40 @@ def test_sampled_furniture_has_the_sizes_of_furniture(seed):
     assert 0.35 < sofa.height < 0.5 and 0.4 <= chair.height <= 0.5
     assert 1.9 < bed.length < 2.2 and 0.8 < bed.width < 1.7 and 0.3 < bed.height < 0.8
     assert np.ptp(bed.mesh().vertices_m[:, 1]) == pytest.approx(bed.length + 0.05, abs=1e-5)
+
+
+VARIED = {vary_bed: Bed, vary_sofa: Sofa, vary_chair: Chair}
+
+
+@pytest.mark.parametrize("vary", VARIED, ids=lambda vary: vary.__name__)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_varied_furniture_stands_on_the_floor_inside_its_footprint_and_solids(vary, seed):
+    rng = np.random.default_rng(seed)
+    furniture = vary(VARIED[vary].sample(rng), rng)
+    footprint, points = furniture.footprint, furniture.mesh().vertices_m
+    assert points[:, 2].min() >= -1e-6 and np.abs(points[:, 0]).max() <= footprint.half_width_m + 0.15
+    assert footprint.front_y - 0.15 <= points[:, 1].min() and points[:, 1].max() <= footprint.back_y + 0.35
+    for solid in furniture.solids():
+        low, high = np.array(solid.low), np.array(solid.high)
+        local = (solid.mesh().vertices_m - solid.translation) @ solid.rotation
+        assert (high > low).all() and (local >= low - 1e-4).all() and (local <= high + 1e-4).all()
+
+
+def test_training_draws_varied_furniture_and_some_plain_ones_and_no_other_number_changes():
+    for draw, plain in ((draw_bed, Bed), (draw_sofa, Sofa), (draw_chair, Chair)):
+        one, other = np.random.default_rng(3), np.random.default_rng(3)
+        drawn = [type(draw(TRAINING, one)) for _ in range(60)]
+        assert 5 < sum(kind is plain for kind in drawn) < 40
+        for _ in range(60):
+            plain.sample(other)
+        assert one.bit_generator.state == other.bit_generator.state
+
+
+def test_bars_are_gaps_to_the_eye_and_a_board_to_a_limb():
+    bars = Bars((0, -0.02, 0.5), (1, 0.02, 1.0), 0.0, Surface.WOOD, horizontal=2, upright=5)
+    points, faces = bars.mesh().vertices_m, bars.mesh().faces
+    assert len(faces) == 7 * 12 and volume_m3(points, faces) < 0.4 * 1.0 * 0.04 * 0.5
+    assert bars.depth_m(np.array([[0.1, 0.0, 0.75]], np.float32))[0] == pytest.approx(0.02, abs=1e-6)
 
 
 def test_the_ground_is_the_floor_and_floor_stops_everything():

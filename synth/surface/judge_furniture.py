@@ -1,6 +1,7 @@
-"""Furniture of the judging cast: shapes and dimensions that no training shows.
+"""Furniture of the judging cast: classes and dimensions of its own.
 
-Dimensions: ``synth/data/judge/furniture.toml``. World frame and constants as in ``synth.surface.furniture``.
+Training shows boards and bars of other forms (``synth.surface.varied_furniture``). Dimensions:
+``synth/data/judge/furniture.toml``. World frame and constants as in ``synth.surface.furniture``.
 """
 
 from dataclasses import dataclass, replace

@@ -119,7 +119,7 @@ def vary_bed(bed: Bed, rng: np.random.Generator) -> Bed:
         if rng.random() < SIDE:
             first, last = sorted(rng.uniform(-y, y, 2)) if rng.random() < 0.6 else (-y, y)
             last = max(last, first + 0.3)
-            heights = (top - rng.uniform(0.0, 0.3), top + rng.uniform(0.05, 0.45))
+            heights = (max(0.0, top - rng.uniform(0.0, 0.3)), top + rng.uniform(0.05, 0.45))
             around.append(_fence(rng, ((side, first), (side, last)), heights, tag))
     sizes = {name: getattr(bed, name) for name in ("length", "pillow_height", "board_height", "give_m")}
     half = rng.uniform(0.2, max(x, 0.3))
