@@ -145,8 +145,8 @@ def test_colour_of_another_size_than_its_calibration_is_refused(annotate_cloud, 
 
 
 def test_intrinsics_of_another_size_are_refused(annotate_cloud, tmp_path, folder):
-    before, out = tree(tmp_path), tmp_path / "out.mcap"
-    to = {"label": ("--out", out), "predict": ("--out", out), "import": (out,), "validate": ()}
+    before, out, labels = tree(tmp_path), tmp_path / "out.mcap", ("--out", tmp_path / "out")
+    to = {"label": labels, "predict": labels, "import": (out,), "validate": ()}
     for verb, more in to.items():
         done = annotate_cloud(verb, folder, *more)
         said = done.out if verb == "validate" else done.err

@@ -42,8 +42,9 @@ class Bars(Solid):
     def _bar(self, low: Float64, high: Float64, axis: int, at: float) -> Mesh:
         """Return the bar at a place from 0 to 1 on an axis of the box, as long as the box on the others."""
         low, high = low.copy(), high.copy()
-        low[axis] += at * max(high[axis] - low[axis] - self.thick_m, 0)
-        high[axis] = low[axis] + self.thick_m
+        thick_m = min(self.thick_m, high[axis] - low[axis])
+        low[axis] += at * (high[axis] - low[axis] - thick_m)
+        high[axis] = low[axis] + thick_m
         return box((low[0], low[1], low[2]), (high[0], high[1], high[2]), self.tag)
 
 
