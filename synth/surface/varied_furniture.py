@@ -141,20 +141,26 @@ def vary_sofa(sofa: Sofa, rng: np.random.Generator) -> Sofa:
         ends = sofa.depth - rng.uniform(0.1, 0.3), sofa.depth + 0.15
         for x in (-half - arm_width / 2, half + arm_width / 2):
             around.append(_fence(rng, ((x, ends[0]), (x, ends[1])), heights, Surface.SOFA))
-    for side in (-1, 1):
-        if half > SITTER_M + 0.3 and rng.random() < CUSHIONS:
-            middle, wide, high = side * rng.uniform(SITTER_M + 0.2, half), 0.2, rng.uniform(0.2, 0.45)
-            low = (middle - wide, sofa.depth - rng.uniform(0.12, 0.3), height)
-            around.append(Solid(low, (middle + wide, sofa.depth, height + high), 0.05, Surface.PILLOW))
-    if half > SITTER_M + 0.3 and rng.random() < STOOL:
-        a, b = sorted(rng.choice((-1, 1)) * np.array([SITTER_M + 0.05, half]))
-        low = (a, -rng.uniform(0.5, 1.0), 0.0)
-        around.append(
-            Solid(low, (b, -rng.uniform(0.02, 0.3), height - rng.uniform(0, 0.1)), 0.02, Surface.SOFA)
-        )
+    around += _beside_sitter(sofa, rng)
     return VariedSofa(
         **{**vars(sofa), "arm_height": arm_height, "arm_width": arm_width}, from_z=from_z, around=(*around,)
     )
+
+
+def _beside_sitter(sofa: Sofa, rng: np.random.Generator) -> list[Solid]:
+    """Draw cushions at the back of a sofa, and a stool before it, beside the sitter."""
+    half, height, solids = sofa.width / 2, sofa.height, list[Solid]()
+    for side in (-1, 1):
+        if half > SITTER_M + 0.3 and rng.random() < CUSHIONS:
+            middle, wide, tall = side * rng.uniform(SITTER_M + 0.2, half), 0.2, rng.uniform(0.2, 0.45)
+            low = (middle - wide, sofa.depth - rng.uniform(0.12, 0.3), height)
+            solids.append(Solid(low, (middle + wide, sofa.depth, height + tall), 0.05, Surface.PILLOW))
+    if half > SITTER_M + 0.3 and rng.random() < STOOL:
+        a, b = sorted(rng.choice((-1, 1)) * np.array([SITTER_M + 0.05, half]))
+        low = (a, -rng.uniform(0.5, 1.0), 0.0)
+        high = (b, -rng.uniform(0.02, 0.3), height - rng.uniform(0, 0.1))
+        solids.append(Solid(low, high, 0.02, Surface.SOFA))
+    return solids
 
 
 def vary_chair(chair: Chair, rng: np.random.Generator) -> Chair:
