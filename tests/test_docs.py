@@ -53,7 +53,7 @@ ELSEWHERE = {
 """Commands that are tested elsewhere, by their start."""
 SIZES = {
     "simulate board.mcap": {"--frames": "12"},
-    "simulate people.mcap": {"--frames": "8", "--subjects": "4", "--seed": "6"},
+    "simulate people.mcap": {"--frames": "8", "--subjects": "4", "--seed": "6", "--difficulty": "normal"},
     "simulate": {"--frames": "4", "--subjects": "4", "--seed": "6"},
     "synth generate": {"--count": "4", "--workers": "1", "--scheduler": ""},
     "train sitting": {"--epochs": "1", "--network": "compact-small"},
