@@ -4,8 +4,8 @@ import gc
 import hashlib
 import json
 import os
-import re
 import pickle
+import re
 import resource
 import shutil
 import sys
