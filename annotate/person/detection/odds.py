@@ -13,8 +13,8 @@ import numpy as np
 from annotate.array_types import Float64
 
 KEPT_ODDS = -1.4  # log odds of the weakest detection; one in five is a person, and only a track shows it
-# Log odds of detections that two frames, and one frame, establish. Of people in crowds 0.85 are found, with 0.7
-# in place of 1.0 0.86 with a third more phantoms, with 1.4 0.82 (development).
+# Log odds of detections that two frames, and one frame, establish. Of people in crowds 0.85 are found; with
+# 0.7 in place of 1.0 0.86 and a third more phantoms, with 1.4 0.82 (development).
 LIKELY_ODDS, SURE_ODDS = 1.0, 4.0
 
 
