@@ -59,7 +59,6 @@ TABLES = (
         pages=HOW_GOOD,
         columns=JOINT_COLUMNS | {f"{seen}, mm": ".1f" for seen in ("visible", "hidden", "outside")},
         measure=joints.by_set,
-        apart=True,
         needs=real_people.PEOPLE,
     ),
     Table(
