@@ -31,6 +31,7 @@ from eval.training.finder.network import (
 )
 from eval.training.finder.stored import load_scenes, store_scenes
 from eval.training.finder.warm import UNFELT, degraded_warmth, random_warmth
+from eval.training.rooms import people as rooms_people
 from eval.training.rooms.close_rooms import close_scenes
 from eval.training.rooms.empty_rooms import empty_scenes
 from eval.training.rooms.floor_plan import FloorPlan
@@ -42,7 +43,8 @@ from synth.body.crowd import crowd
 from synth.cameras.random_sensor import KINDS
 from synth.clothes.dress import naked
 from synth.data_files import TRAINING
-from synth.surface.rasterize import box
+from synth.surface.furniture import Surface
+from synth.surface.rasterize import box, merge
 
 
 def test_rooms_are_the_same_for_a_seed_name_their_people_and_are_stored(tmp_path, monkeypatch):
@@ -71,6 +73,17 @@ def test_close_rooms_have_near_things_and_most_have_no_person():
     assert any(one.persons.any() for one in scenes)
     assert all(one.things[one.persons > 0].max(initial=0) == 0 for one in scenes)
     assert sum(one.things.any() for one in scenes) >= 0.8 * len(scenes)
+
+
+def test_no_cushion_lies_on_a_sofa_of_two_people(monkeypatch):
+    monkeypatch.setattr(rooms_people, "sit", lambda body, *_: (body.vertices_m, body.joints_m))
+    people = [naked(body) for body in crowd()[:2]]
+    seated = [rooms_people._seated(people, 0, TRAINING, np.random.default_rng(seed)) for seed in range(120)]
+    alone, pairs = (
+        merge([mesh for one in seated if len(one.people) == count for mesh in one.things]).tags
+        for count in (1, 2)
+    )
+    assert Surface.PILLOW in alone and len(pairs) and Surface.PILLOW not in pairs
 
 
 def test_empty_rooms_have_nobody_and_all_sensors():

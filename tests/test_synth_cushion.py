@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from synth.rig.cushion import CLEARANCE_M, CONTACT_C, COOLING_S, WARMING_S, Cushion
 from synth.rig.locations import located
 from synth.surface.furniture import Sofa, Solid, Surface
+from synth.surface.rasterize import merge
+from synth.surface.varied_furniture import Bars
 
 SEAT = Solid((-0.5, 0.0, 0.0), (0.5, 0.5, 0.4), 0.03, Surface.SOFA)
 
@@ -89,3 +91,15 @@ def test_cushions_stand_where_their_furniture_does(scene):
     drawn = np.concatenate([c.mesh.vertices_m for c in place.cushions()])
     assert (drawn >= bare.min(axis=0) - 0.02).all() and (drawn <= bare.max(axis=0) + 0.02).all()
     assert len(place.cushions()) + len(place.hard_solids()) == len(place.furniture.solids())
+
+
+def test_a_slatted_back_has_no_cushion():
+    drawn = (located("chair")(np.random.default_rng(seed)) for seed in range(60))
+    slatted = [place for place in drawn if any(isinstance(one, Bars) for one in place.furniture.solids()[:2])]
+    assert slatted
+    for place in slatted:
+        shown = [*(c.mesh for c in place.cushions()), *(solid.mesh() for solid in place.hard_solids())]
+        mesh = merge(shown)
+        assert len(np.unique(mesh.faces)) == len(mesh.vertices_m)
+        (seat,) = place.cushions()
+        assert np.allclose(seat.mesh.vertices_m[:, 2].max(), place.furniture.height)

@@ -16,6 +16,7 @@ from synth.body.crowd import crowd
 from synth.body.flesh import flesh_of
 from synth.body.skeleton import JOINT_ID, JOINTS, N_JOINTS, PARENTS, Posture, forward
 from synth.images.generate import Order, make_shard
+from synth.images.posed_scenes import MotionScenes
 from synth.images.presets import preset_of
 from synth.markers.motion_file import MarkerReport, Motion, save_motion
 from synth.markers.person_fit import person_body, zero_bones
@@ -26,7 +27,7 @@ from synth.motion.placed import perform, stand, take_seat
 from synth.motion_files.joint_file import read_joint_file
 from synth.rig.film import FilmRig
 from synth.rig.simulate import simulate, truth_path
-from synth.surface.furniture import FLOOR, Chair
+from synth.surface.furniture import FLOOR, Chair, Sofa
 from tests.helpers.penetration import self_penetration_m
 
 RATE = 30.0
@@ -120,6 +121,24 @@ def test_who_would_fall_without_a_seat_sits():
     trunk = vertices[flesh_of(body).trunk, 2].min()
     assert 0.2 < seat.height < 0.6 and abs(trunk - (seat.height - seat.give_m)) < 0.01
     assert perform(body, grounded).seat is not None
+
+
+def test_the_legs_of_a_seat_end_below_it_at_the_height_of_a_motion(monkeypatch):
+    class Sitting:
+        def draw(self, rng):
+            return "sitting", grounded, 3
+
+    def seated(*scene):
+        posed, seat = take_seat(*scene)
+        seats.append(seat)
+        return posed, seat
+
+    grounded, seats = ground(sitting()), []
+    monkeypatch.setattr("synth.motion.placed.take_seat", seated)
+    for seed in range(8):
+        MotionScenes(Sitting())(np.random.default_rng(seed), shipped_bodies()[6])
+    assert {type(seat) for seat in seats} == {Sofa, Chair}
+    assert all(one.high[2] <= seat.height for seat in seats for one in seat.solids()[len(seat.soft) :])
 
 
 def test_what_nobody_can_do_is_bridged():

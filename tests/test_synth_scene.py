@@ -10,9 +10,10 @@ from synth.body.body import volume_m3
 from synth.data_files import TRAINING
 from synth.images.viewpoints import overhead_place
 from synth.surface.furniture import FLOOR, Bed, Chair, Ground, Sofa, Solid, Surface
+from synth.surface.furniture_variation import vary_bed, vary_chair, vary_sofa
 from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import box, look_at, merge, sheet
-from synth.surface.varied_furniture import Bars, vary_bed, vary_chair, vary_sofa
+from synth.surface.varied_furniture import Bars
 
 FURNITURE = [Sofa(), Chair(), Bed()]
 
@@ -73,13 +74,34 @@ VARIED = {vary_bed: Bed, vary_sofa: Sofa, vary_chair: Chair}
 def test_varied_furniture_stands_on_the_floor_inside_its_footprint_and_solids(vary, seed):
     rng = np.random.default_rng(seed)
     furniture = vary(VARIED[vary].sample(rng), rng)
-    footprint, points = furniture.footprint, furniture.mesh().vertices_m
-    assert points[:, 2].min() >= -1e-6 and np.abs(points[:, 0]).max() <= footprint.half_width_m + 0.15
-    assert footprint.front_y - 0.15 <= points[:, 1].min() and points[:, 1].max() <= footprint.back_y + 0.35
+    half, front, back = furniture.footprint
+    points = furniture.mesh().vertices_m
+    assert points[:, 2].min() >= -1e-6 and np.abs(points[:, 0]).max() <= half + 1e-6
+    assert front - 1e-6 <= points[:, 1].min()
     for solid in furniture.solids():
         low, high = np.array(solid.low), np.array(solid.high)
-        local = (solid.mesh().vertices_m - solid.translation) @ solid.rotation
+        mesh = solid.mesh().vertices_m
+        local = (mesh - solid.translation) @ solid.rotation
         assert (high > low).all() and (local >= low - 1e-4).all() and (local <= high + 1e-4).all()
+        leans = solid.rotation[1, 1] < 1
+        assert leans or mesh[:, 1].max() <= back + 1e-6
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+def test_fences_and_cushions_stay_at_their_furniture(seed):
+    rng = np.random.default_rng(seed)
+    bed, sofa = (vary(VARIED[vary].sample(rng), rng) for vary in (vary_bed, vary_sofa))
+    points = bed.mesh().vertices_m
+    assert np.abs(points[:, 1]).max() <= bed.length / 2 + 0.05 + 1e-6
+    assert bed.top.half_width_m == bed.width / 2 and -bed.top.front_y == bed.length / 2
+    cushions = [one for one in sofa.solids()[4:] if one.tag == Surface.PILLOW]
+    assert all(abs(x) <= sofa.width / 2 for one in cushions for x in (one.low[0], one.high[0]))
+    assert len(sofa.cleared().solids()) == len([one for one in sofa.solids() if not beside(one, sofa)])
+
+
+def beside(solid, sofa):
+    """Return whether a solid is a cushion or a stool of a varied sofa."""
+    return solid.tag == Surface.PILLOW or solid.high[1] < 0
 
 
 def test_training_draws_varied_furniture_and_some_plain_ones_and_no_other_number_changes():

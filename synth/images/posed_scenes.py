@@ -22,7 +22,7 @@ from synth.motion.library import Repertoire
 from synth.pose.postures import lie, poses_of, rise, sit
 from synth.pose.standing import stand
 from synth.pose.standing_parameters import draw_standing
-from synth.surface.furniture import Ground, Seat
+from synth.surface.furniture import Chair, Ground, Seat, Sofa
 from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import Mesh, merge
 
@@ -125,6 +125,6 @@ class MotionScenes:
         if not motion.sits[frame]:
             posed, view = placed.stand(body, motion, frame), PlannedViewpoint()
             return PosedScene((name,), *posed, Ground().mesh(), view, bags=True)
-        draw_seat = draw_sofa if rng.random() < 0.5 else draw_chair
-        posed, seat = placed.take_seat(body, motion, frame, draw_seat(TRAINING, rng))
+        kind: type[Seat] = Sofa if rng.random() < 0.5 else Chair  # legs of other seats have a fixed height
+        posed, seat = placed.take_seat(body, motion, frame, kind.sample(rng))
         return PosedScene((name,), *posed, seat.mesh(), PlannedViewpoint())

@@ -29,7 +29,7 @@ def lap_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thi
     them.
     """
     hem, short, height = rng.uniform(*HEM_M), rng.uniform(*LAP_M), location.furniture.height
-    width = location.furniture.footprint.half_width_m
+    width = location.furniture.top.half_width_m
     half = min(HALF_WIDTH_M, width)
     n, m = (round(length / CELL_M) for length in (2 * half, 0.9))
     legs = _vertices_of(body, _LEGS)
@@ -47,7 +47,7 @@ def lap_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thi
 
 def bed_blanket(location: Location, body: Body, rng: np.random.Generator) -> Thing:
     """Return a blanket over the lower end of a bed and the person in it."""
-    height, (half, front_y, _) = location.furniture.height, location.furniture.footprint
+    height, (half, front_y, _) = location.furniture.height, location.furniture.top
     x = np.arange(-half - OVER_EDGE_M, half + OVER_EDGE_M + CELL_M, CELL_M)
     y = np.arange(front_y - OVER_EDGE_M, rng.uniform(*BED_TOP_Y_M), CELL_M)
     on_bed = (np.abs(x)[:, None] <= half) & (y >= front_y)

@@ -189,7 +189,7 @@ class Episode:
 
     def _leave_warm_spot(self, person_m: Float32, rng: np.random.Generator) -> None:
         """Warm a free seat beside the subject, as if a person had just left it."""
-        room = self._location.furniture.footprint.half_width_m - ROOM_TO_SIT_M
+        room = self._location.furniture.top.half_width_m - ROOM_TO_SIT_M
         if room > SPOT_ASIDE_M:
             aside = rng.choice((-1, 1)) * rng.uniform(SPOT_ASIDE_M, room)
             heat = float(rng.uniform(*SPOT_HEAT))

@@ -87,17 +87,17 @@ def _supports(
 
     A seat also has a stool: it follows with the middle of its top.
     """
-    furniture, print_ = location.furniture, location.furniture.footprint
+    furniture = location.furniture
     z = furniture.height
     if not isinstance(furniture, Seat):
-        x = print_.half_width_m
-        return [(np.array([-x, print_.front_y, z]), np.array([x, print_.back_y, z]))], None
+        x, front, back = furniture.top
+        return [(np.array([-x, front, z]), np.array([x, back, z]))], None
     x = furniture.width / 2
     found = [(np.array([-x, 0.0, z]), np.array([x, furniture.depth, z]))]
     if isinstance(furniture, Sofa):
         top, ends = z + furniture.arm_height, ((-x - furniture.arm_width, -x), (x, x + furniture.arm_width))
         found += [(np.array([a, 0.0, top]), np.array([b, furniture.depth, top])) for a, b in ends]
-    side = rng.choice((-1, 1)) * (print_.half_width_m + STOOL_M[0] / 2 + STOOL_ASIDE_M)
+    side = rng.choice((-1, 1)) * (furniture.footprint.half_width_m + STOOL_M[0] / 2 + STOOL_ASIDE_M)
     middle = np.array([side, rng.uniform(0.0, 0.3), rng.uniform(0.4, 0.65)])
     return found, (table(middle, STOOL_M), middle)
 

@@ -133,6 +133,11 @@ class Furniture(ABC):
     def footprint(self) -> Footprint:
         """Return the rectangle on the floor that the furniture occupies, metres."""
 
+    @property
+    def top(self) -> Footprint:
+        """Return the rectangle of the supporting surface, metres, without things around it."""
+        return self.footprint
+
     @abstractmethod
     def solids(self) -> list[Solid]:
         """Return the boxes; the first one supports the person."""
@@ -149,6 +154,10 @@ class Seat(Furniture):
     width: float
     back_height: float
     back_tilt_rad: float
+
+    def cleared(self) -> Self:
+        """Return the seat without things on it and in front of it."""
+        return self
 
     def back_y(self, z_m: Float32) -> Float64:
         """Return y (n,) of the back rest's front face at world heights z (n,), metres."""

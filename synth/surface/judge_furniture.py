@@ -1,6 +1,6 @@
 """Furniture of the judging cast: classes and dimensions of its own.
 
-Training shows boards and bars of other forms (``synth.surface.varied_furniture``). Dimensions:
+Training shows boards and bars of other forms (``synth.surface.furniture_variation``). Dimensions:
 ``synth/data/judge/furniture.toml``. World frame and constants as in ``synth.surface.furniture``.
 """
 
@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from synth.data_files import JUDGE, Cast
 from synth.surface.furniture import ArmChair, Bed, Chair, Footprint, Furniture, Seat, Sofa, Solid, Surface
+from synth.surface.furniture_variation import vary_bed, vary_chair, vary_sofa
 from synth.surface.rasterize import Mesh, tagged
-from synth.surface.varied_furniture import vary_bed, vary_chair, vary_sofa
 
 LEG_M = 0.05  # side of a leg; of a rail's post less
 SPOKES = 24  # corners of a wheel

@@ -88,6 +88,7 @@ def _seated(people: Sequence[Dressed], first: int, cast: Cast, rng: np.random.Ge
     if kind < SOFA and rng.random() >= ALONE and len(people) > 1:
         free = max(seat.width / 2 - 0.2, 0.3)
         across = [rng.uniform(-free, -0.1), rng.uniform(0.15, free)]
+        around = [seat.cleared().mesh()]
     meshes, dark = [], []
     for number, x in enumerate(across):
         person = people[number]
