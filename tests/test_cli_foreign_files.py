@@ -160,6 +160,11 @@ def test_a_file_of_this_program_in_place_of_another_is_named(annotate_cloud, own
     assert tree(own_files) == before
 
 
+def test_a_deeply_nested_toml_file_is_of_an_unknown_kind(annotate_cloud, tmp_path):
+    (tmp_path / "deep.toml").write_text("a=" + "[" * 5000)
+    assert_refused(annotate_cloud("info", tmp_path / "deep.toml"), "is of an unknown kind")
+
+
 def test_axes_of_a_recording_without_points_are_refused(annotate_cloud, rig_session, tmp_path):
     refused = annotate_cloud("import", rig_session, tmp_path / "x.mcap", "--axes", "up")
     assert_refused(refused, "is not a cloud of points; leave the axes out (--axes)")

@@ -66,7 +66,7 @@ def _keys(path: Path) -> set[str]:
         if path.stat().st_size > MAX_TEXT_BYTES:
             return set()
         return set(tomllib.loads(path.read_text("utf-8")))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         return set()
 
 
