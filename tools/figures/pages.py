@@ -19,11 +19,13 @@ KINDS = {
     "synthetic": "Synthetic images",
 }
 Lines = list[list[str]]  # cells of a table, its heads first
-APART = """```{{csv-table}} [{0}](figures/{0}.csv)
+APART = """[{0}.csv](figures/{0}.csv):
+
+```{{csv-table}}
 :file: figures/{0}.csv
 :header-rows: 1
 ```"""
-"""Block of a table whose figures are in a CSV file beside the page."""
+"""Block of a table whose figures are in a CSV file beside the page; the link is for sites of code."""
 MARK = re.compile(r"(<!-- figures: (?P<name>[\w-]+) -->\n).*?(<!-- end of figures -->)", re.S)
 MOVED = "moved"  # mark of the figures that moved
 PAGES = {"README.md", "docs/figures.md"}  # with marks of derived blocks
