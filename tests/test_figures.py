@@ -169,13 +169,8 @@ def test_a_table_apart_is_a_csv_file_that_its_page_shows(house):
     lines = (house / "docs" / "figures" / "one.csv").read_text().splitlines()
     assert lines[0] == ",frames,score" and lines[2] == "none,0,-"
     text = (house / "page.md").read_text()
-    assert (
-        "\n[one.csv](figures/one.csv):\n" in text
-        and ":file: figures/one.csv" in text
-        and "| none |" not in text
-        and "about it." in text
-    )
-    assert write_pages([apart], house) == []
+    assert all(x in text for x in ("\n[one.csv](figures/one.csv):\n", ":file: figures/one.csv", "about it."))
+    assert "| none |" not in text and write_pages([apart], house) == []
 
 
 def test_rows_of_the_same_cells_are_one_row():
