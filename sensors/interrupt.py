@@ -145,10 +145,16 @@ def _importing(frame: FrameType | None) -> bool:
 
 
 def _interrupt_after(seconds: float) -> None:
-    """Send SIGINT to the main thread later."""
-    again = threading.Timer(seconds, _thread.interrupt_main)
-    again.daemon = True
-    again.start()
+    """Send SIGINT to the main thread later.
+
+    Without ``threading.Timer``, whose lock can deadlock in a signal handler.
+    """
+
+    def send() -> None:
+        time.sleep(seconds)
+        _thread.interrupt_main()
+
+    _thread.start_new_thread(send, ())
 
 
 def _numbas(error: Exception) -> bool:
