@@ -81,7 +81,7 @@ NAMES = [
 def test_names_and_places_of_other_programs(coco, tmp_path, name, image, annotations):
     source = coco(name, image=image, annotations=annotations)
     for given in (source, source / annotations):
-        found = taken(given, tmp_path / f"labels-{given.name}", intrinsics=source / "intrinsics.json")
+        found = taken(given, tmp_path / f"labels-{given.stem}", intrinsics=source / "intrinsics.json")
         assert (found.format, found.remarks) == ("coco", ())
         assert found.labels.frame_ids == ["Ban_k_1" if "k" in name and "home" not in name else "000000"]
         np.testing.assert_array_equal(found.labels.parts(found.labels.frame_ids[0]), HEAD * PART_ID["head"])

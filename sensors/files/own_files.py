@@ -24,21 +24,21 @@ IN_FOLDER = {
     "labelset.json": OwnFile("a label set", "'predict', 'fix', 'evaluate' and 'convert' take it"),
     "dataset.json": OwnFile("a dataset", "'train' takes it, 'predict' writes a label set of it"),
     "try.json": OwnFile("the folder of 'try'", "give a file or a label set in it"),
-    "weights.onnx": OwnFile("the folder of a network", "give weights.onnx in it to the option --weights"),
+    "weights.onnx": OwnFile("the folder of a network", "'predict --weights' takes weights.onnx in it"),
     "rig.toml": OwnFile("the folder of a rig", "give rig.toml in it to 'record --rig'"),
     "report.html": OwnFile("the folder of a report", "open report.html in it in a browser"),
 }
 """Kinds of folders by a file in it; the first that is there counts."""
 BY_SUFFIX = {
-    ".onnx": OwnFile("a network", "give it to the option --weights of 'predict' or 'label'"),
+    ".onnx": OwnFile("a network", "give it to 'predict --weights'"),
     ".safetensors": OwnFile("the weights of a network", "give them to 'train --init'"),
     ".html": OwnFile("a page", "open it in a browser"),
     ".mcap": OwnFile(RECORDING, "'label', 'predict' and 'info' take it"),
 }
 BY_KEY = {
-    "colors": OwnFile("the palette of a suit", "give it to the option --suit of 'label' or 'simulate'"),
-    "parts": OwnFile("a scheme", "give it to 'scheme check' or to the option --scheme"),
-    "devices": OwnFile("a rig file", "give it to the option --rig of 'record' or 'live'"),
+    "colors": OwnFile("the palette of a suit", "give it to 'label --suit' or 'simulate --suit'"),
+    "parts": OwnFile("a scheme", "give it to 'scheme check' or 'predict --scheme'"),
+    "devices": OwnFile("a rig file", "give it to 'record --rig' or 'live --rig'"),
 }
 """Kinds of TOML files by a key."""
 RESULTS = OwnFile("the results of 'evaluate'", "give them to 'compare' or 'report'")

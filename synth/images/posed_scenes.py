@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,11 +23,14 @@ from synth.motion.library import Repertoire
 from synth.pose.postures import lie, poses_of, rise, sit
 from synth.pose.standing import stand
 from synth.pose.standing_parameters import draw_standing
+from synth.surface import judge_furniture
 from synth.surface.furniture import Chair, Ground, Seat, Sofa
-from synth.surface.judge_furniture import draw_bed, draw_chair, draw_sofa
 from synth.surface.rasterize import Mesh, merge
 
 FALLEN_SHARE = 0.2  # recumbent people who lie on the floor; untuned
+_sofa = partial(judge_furniture.draw_sofa, varied=False)
+_chair = partial(judge_furniture.draw_chair, varied=False)
+_bed = partial(judge_furniture.draw_bed, varied=False)
 STANDING_SHARE = 0.4  # of ``everybody``, because people in front of cameras mostly stand
 
 
@@ -59,7 +63,7 @@ class CastSceneSampler(Protocol):
 
 def sitting(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
     """Draw a person on a sofa, seen from a robot's place."""
-    return _sitting(rng, body, draw_sofa, cast)
+    return _sitting(rng, body, _sofa, cast)
 
 
 SeatSampler = Callable[[Cast, np.random.Generator], Seat]
@@ -75,13 +79,13 @@ def recumbent(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> Po
     """Draw a person in bed or fallen on the floor, seen from all around and several heights."""
     is_fallen, poses = rng.random() < FALLEN_SHARE, poses_of(cast)
     activities, moment = (poses.fallen if is_fallen else poses.in_bed).single(rng)
-    support = Ground() if is_fallen else draw_bed(cast, rng)
+    support = Ground() if is_fallen else _bed(cast, rng)
     return PosedScene(activities, *lie(body, support, moment), support.mesh(), unplanned(overhead_place))
 
 
 def upright(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> PosedScene:
     """Draw a person standing, crouching, kneeling or getting up, at a seat or without, from all around."""
-    draw_seat: SeatSampler | None = (None, draw_sofa, draw_chair)[int(rng.integers(3))]
+    draw_seat: SeatSampler | None = (None, _sofa, _chair)[int(rng.integers(3))]
     seat = None if draw_seat is None else draw_seat(cast, rng)
     activities, moment = poses_of(cast).upright.single(rng)
     mesh = (seat or Ground()).mesh()
@@ -106,7 +110,7 @@ def everybody(rng: np.random.Generator, body: Body, cast: Cast = TRAINING) -> Po
         return standing(rng, body, cast)
     rest = (kind - STANDING_SHARE) / (1 - STANDING_SHARE)
     if rest < 0.4:
-        seated = _sitting(rng, body, draw_sofa if rng.random() < 0.5 else draw_chair, cast)
+        seated = _sitting(rng, body, _sofa if rng.random() < 0.5 else _chair, cast)
         return replace(seated, view=PlannedViewpoint(0.65, 0.35))
     if rest < 0.75:
         return replace(recumbent(rng, body, cast), view=PlannedViewpoint(0.25, 0.5, over_m=0.35))

@@ -267,18 +267,20 @@ OWN: tuple[type[Furniture], ...] = (*SOFAS, *CHAIRS, *BEDS)
 """Furniture of the judging cast."""
 
 
-def draw_sofa(cast: Cast, rng: np.random.Generator) -> Sofa:
-    """Draw a cast's sofa or arm-chair."""
+def draw_sofa(cast: Cast, rng: np.random.Generator, *, varied: bool = True) -> Sofa:
+    """Draw a cast's sofa or arm-chair. varied: False for the training cast's plain one."""
     if cast == JUDGE:
         return SOFAS[int(rng.integers(len(SOFAS)))].sample(rng)
-    return vary_sofa(Sofa.sample(rng), rng.spawn(1)[0])
+    plain = Sofa.sample(rng)
+    return vary_sofa(plain, rng.spawn(1)[0]) if varied else plain
 
 
-def draw_chair(cast: Cast, rng: np.random.Generator) -> Chair:
-    """Draw a cast's chair."""
+def draw_chair(cast: Cast, rng: np.random.Generator, *, varied: bool = True) -> Chair:
+    """Draw a cast's chair. varied: False for the training cast's plain one."""
     if cast == JUDGE:
         return CHAIRS[int(rng.integers(len(CHAIRS)))].sample(rng)
-    return vary_chair(Chair.sample(rng), rng.spawn(1)[0])
+    plain = Chair.sample(rng)
+    return vary_chair(plain, rng.spawn(1)[0]) if varied else plain
 
 
 def draw_arm_chair(cast: Cast, rng: np.random.Generator) -> Chair:
@@ -286,8 +288,9 @@ def draw_arm_chair(cast: Cast, rng: np.random.Generator) -> Chair:
     return (OfficeChair if cast == JUDGE else ArmChair).sample(rng)
 
 
-def draw_bed(cast: Cast, rng: np.random.Generator) -> Bed:
-    """Draw a cast's bed."""
+def draw_bed(cast: Cast, rng: np.random.Generator, *, varied: bool = True) -> Bed:
+    """Draw a cast's bed. varied: False for the training cast's plain one."""
     if cast == JUDGE:
         return BEDS[int(rng.integers(len(BEDS)))].sample(rng)
-    return vary_bed(Bed.sample(rng), rng.spawn(1)[0])
+    plain = Bed.sample(rng)
+    return vary_bed(plain, rng.spawn(1)[0]) if varied else plain
