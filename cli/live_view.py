@@ -25,7 +25,7 @@ from annotate.suit.palette import Suit
 from cli.console import finish, say
 from cli.extras import needing
 from eval.network.body_state import BodyState, joint_quality, joint_row
-from eval.network.joint_filter import filter_joints
+from eval.network.joints.joint_filter import filter_joints
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.predict_source import NetworkLabeller
@@ -191,7 +191,7 @@ def _suit_labels(
 ) -> tuple[Segmentation, PersonMask]:
     """Return labels by the suit, with the network's joints, whose sides the suit's parts correct."""
     result, person = label_cloud(labeller, cloud, before)
-    state = BodyState.from_note(network.segment(cloud.depth_mm, person.mask).bearing)
+    state = BodyState.from_note(network.segment(cloud.depth_mm, person.mask, cloud.camera).bearing)
     if state is None:
         return result, person
     labels = FrameLabels("", cloud.depth_mm, result.parts, scheme=result.scheme)

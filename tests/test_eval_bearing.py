@@ -14,7 +14,7 @@ from annotate.parts import swap_left_right
 from annotate.posture import POSTURES
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState, body_state_notes
-from eval.network.joint_files import write_joints
+from eval.network.joints.joint_files import write_joints
 from eval.network.side_smoothing import smooth_sides
 from eval.scores.joints import JOINT, JOINT_NAMES, N_JOINTS
 from sensors.errors import CloudError

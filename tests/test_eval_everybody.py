@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from annotate.parts import PART_ID
 from annotate.person.planes import Plane, find_planes
 from eval.network.body_state import BodyState
-from eval.network.joint_files import write_joints
+from eval.network.joints.joint_files import write_joints
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.predict import PredictOptions
 from eval.network.predict_source import predict_source

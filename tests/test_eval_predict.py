@@ -141,10 +141,10 @@ def test_a_recordings_run_resumes_to_the_same_bytes(tmp_path, rig_session, predi
     assert float(compare_sets(predicted, truth).scores["mean_recall"]) >= 0.6
 
     class Interrupted(OnnxNetwork):
-        def segment(self, depth_mm, person, *, probabilities=False):
+        def segment(self, depth_mm, person, camera=None, *, probabilities=False):
             if np.array_equal(depth_mm, second.depth_mm):
                 raise KeyboardInterrupt
-            return super().segment(depth_mm, person, probabilities=probabilities)
+            return super().segment(depth_mm, person, camera, probabilities=probabilities)
 
     second, out = predicted.read("000001"), tmp_path / "p"
     with pytest.raises(KeyboardInterrupt):
@@ -192,11 +192,11 @@ def test_batches_and_interruptions_change_no_byte(tmp_path, crops, network):
     class Interrupted(OnnxNetwork):
         calls = 0
 
-        def segment_all(self, images, *, probabilities=False):
+        def segment_all(self, images, cameras, *, probabilities=False):
             self.calls += 1
             if self.calls > 2:
                 raise KeyboardInterrupt
-            return super().segment_all(images, probabilities=probabilities)
+            return super().segment_all(images, cameras, probabilities=probabilities)
 
     for batch in (1, 4, 7):
         predict_frames(crops, network, tmp_path / str(batch), silent, PredictOptions(True, batch=batch))

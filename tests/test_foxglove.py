@@ -17,7 +17,7 @@ from annotate.foxglove.skeleton import BONES, skeleton_message
 from annotate.foxglove.topics import SCHEMAS, Shown, shown_messages
 from annotate.labelset.label_set import LabelSet
 from annotate.parts import PAPER, PART_ID, PARTS, palette_rgb
-from eval.network.joint_files import noted_joints
+from eval.network.joints.joint_files import noted_joints
 from eval.scores.joint_errors import true_joints_mm
 from eval.scores.joints import JOINT_NAMES
 from sensors.rig.camera import Intrinsics

@@ -9,7 +9,7 @@ from annotate.frame_labels import FrameLabels
 from annotate.posture import POSTURES
 from annotate.segmentation.segmented_person import Segmentation
 from eval.network.body_state import BodyState
-from eval.network.joint_filter import HZ_PER_M_S, LONGEST_S, REST_HZ, USUAL_S, filter_joints
+from eval.network.joints.joint_filter import HZ_PER_M_S, LONGEST_S, REST_HZ, USUAL_S, filter_joints
 from eval.scores.joints import N_JOINTS
 from sensors.rig.camera import Intrinsics
 

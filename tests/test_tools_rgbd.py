@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from eval.network.joint_files import write_joints
+from eval.network.joints.joint_files import write_joints
 from eval.network.onnx_network import SHIPPED_WEIGHTS, OnnxNetwork
 from eval.network.predict_source import predict_source
 from sensors.errors import CalibrationError, FormatError

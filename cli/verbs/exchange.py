@@ -166,7 +166,7 @@ def _export_foxglove(labels: "LabelSet", session: Path | None, output: Output) -
     """Write labels and their recording for Foxglove; return and print the remarks."""
     from annotate.foxglove.file import FoxgloveSource, export_foxglove
     from annotate.labelset.source_recording import find_session
-    from eval.network.joint_files import noted_joints
+    from eval.network.joints.joint_files import noted_joints
 
     check_free(output.path, output.overwrite, suffix=SUFFIX)
     if session is not None:

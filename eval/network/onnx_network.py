@@ -23,10 +23,13 @@ from annotate.segmentation.segmented_person import Segmentation
 from eval.architecture.kinds import Kinds
 from eval.network.body_state import BodyState
 from eval.network.flip_averaging import CELL_OUTPUTS, averaged, flipped_back, mean_of_factors
+from eval.network.joints.joint_correction import corrected_joints
+from eval.network.joints.region_places import has_regions, region_places
 from eval.scores.joint_visibility import VISIBILITIES
 from eval.scores.joints import N_JOINTS
 from sensors.errors import FormatError, Setting, one_line
 from sensors.files.bounded import read_bounded
+from sensors.rig.camera import Intrinsics
 
 SHIPPED_WEIGHTS = Path(str(files("eval").joinpath("weights", "compact.onnx")))
 MAX_WEIGHT_BYTES = 1_000_000_000  # of a network's file, read whole; the paper's has 540 MB
@@ -162,14 +165,40 @@ class OnnxNetwork(SchemeNetwork):
         with ThreadPoolExecutor(AT_ONCE, "network") as threads:
             return list(threads.map(run, crops))
 
-    def segment(self, depth_mm: UInt16, person: Bool, *, probabilities: bool = False) -> Segmentation:
-        """Label the person of a depth image; both (h, w), see ``segment_all``."""
-        return self.segment_all([(depth_mm, person)], probabilities=probabilities)[0]
+    @property
+    def has_joints(self) -> bool:
+        """Return whether the network gives facing, posture and joints."""
+        return bool(self._body)
 
-    def segment_all(self, images: Sequence[Image], *, probabilities: bool = False) -> list[Segmentation]:
+    def body_state(
+        self, crop: Crop, image: Image, outputs: Sequence[Float32], planes: Float32, camera: Intrinsics | None
+    ) -> BodyState:
+        """Return the state from the outputs for a crop, as ``BodyState.of``, with corrected joints.
+
+        planes: (K, 212, 212), probabilities of the own classes. camera: of the image, None = uncorrected.
+        """
+        state = BodyState.of(crop, image, tuple(outputs))
+        if camera is None or not has_regions(self.own):
+            return state
+        return corrected_joints(state, camera, region_places(crop, image, planes, self.own))
+
+    def segment(
+        self, depth_mm: UInt16, person: Bool, camera: Intrinsics | None = None, *, probabilities: bool = False
+    ) -> Segmentation:
+        """Label the person of a depth image; both (h, w), see ``segment_all``."""
+        return self.segment_all([(depth_mm, person)], [camera], probabilities=probabilities)[0]
+
+    def segment_all(
+        self,
+        images: Sequence[Image],
+        cameras: Sequence[Intrinsics | None],
+        *,
+        probabilities: bool = False,
+    ) -> list[Segmentation]:
         """Label the persons of depth images of any sizes: each pixel with depth gets a body part.
 
-        An image of 212 x 212 is treated as a crop. probabilities: keep the probabilities of all classes. The
+        An image of 212 x 212 is treated as a crop. cameras: of the images' own pixels, without distortion;
+        None leaves an image's joints uncorrected. probabilities: keep the probabilities of all classes. The
         result for an image is bit-identical in any batch.
         """
         masks = [person & (depth_mm > 0) for depth_mm, person in images]
@@ -187,7 +216,7 @@ class OnnxNetwork(SchemeNetwork):
             state = None
             if body:
                 outputs = tuple(values[k] for values in body)
-                state = BodyState.of(crop, (images[i][0], masks[i]), outputs).note()
+                state = self.body_state(crop, (images[i][0], masks[i]), outputs, planes[k], cameras[i]).note()
             own = self.merged(planes[k])
             parts, confidence = _pasted(crop, depths[k] > 0, own, masks[i])
             kept = Probabilities(crop, self._by_id(own)) if probabilities else None

@@ -169,13 +169,19 @@ def predict_frames(
             writing: Iterator[None] = iter(())
             while some := list(islice(todo, options.batch)):
                 images = [(frame.depth_mm, frame.on_person) for frame in some]
-                results = networks.first.segment_all(images, probabilities=options.probabilities)
+                cameras = [_camera(frames, frame) if networks.first.has_joints else None for frame in some]
+                results = networks.first.segment_all(images, cameras, probabilities=options.probabilities)
                 for _ in writing:
                     progress(1)
                 writing = writers.map(partial(_write, frames, predicted, networks), some, results)
             for _ in writing:
                 progress(1)
         return finished(predicted, failed)
+
+
+def _camera(frames: LabelledFrames, frame: FrameLabels) -> Intrinsics | None:
+    """Return the pinhole camera of a frame; None without a person. Raises FormatError as ``camera_in``."""
+    return camera_in(frames, frame) if frame.on_person.any() else None
 
 
 def check_one_person(frames: LabelledFrames) -> None:

@@ -15,7 +15,7 @@ from annotate.person.extract import PersonDetection, PersonMask
 from annotate.scheme.scheme import Scheme
 from annotate.segmentation.segmented_person import Segmentation, unlabelled
 from eval.network.body_state import BodyState
-from eval.network.joint_filter import filter_joints
+from eval.network.joints.joint_filter import filter_joints
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.predict import DEFAULT, Networks, PredictOptions
@@ -133,7 +133,9 @@ class NetworkDetection:
     def _segmented(self, mask: Bool) -> Segmentation:
         """Return labels of a mask (h, w), with the person's support."""
         coarse = self.cloud
-        result = self._network.segment(coarse.depth_mm, mask, probabilities=self._options.probabilities)
+        result = self._network.segment(
+            coarse.depth_mm, mask, coarse.camera, probabilities=self._options.probabilities
+        )
         state = BodyState.from_note(result.bearing)
         if state is None:
             return result

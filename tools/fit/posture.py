@@ -52,7 +52,7 @@ def examples(folder: Path, network: OnnxNetwork) -> Iterator[tuple[Float64, int,
         camera = pinhole_of(frame, camera_of(frames, frame))
         for mask in (person, cut(person, rng)):
             if np.count_nonzero(mask) >= LEAST_PX:
-                state = BodyState.from_note(network.segment(frame.depth_mm, mask).bearing)
+                state = BodyState.from_note(network.segment(frame.depth_mm, mask, camera).bearing)
                 assert state is not None
                 features = posture_features(state, (frame.depth_mm, mask), camera)
                 yield features, POSTURES.index(frame.notes["posture"]), frame.subject

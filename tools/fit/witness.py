@@ -25,7 +25,6 @@ from annotate.scheme.scheme import Scheme
 from annotate.witness.fusion import KIND, KINDS, depth_chance, head_by_depth
 from annotate.witness.limbs import distances
 from annotate.witness.skeleton import Surface, skeleton_of
-from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
 from sensors.files.atomic import write_bytes
 from sensors.rig.camera import project, unproject
@@ -68,7 +67,8 @@ def samples(frames: LabelledFrames, network: OnnxNetwork, rng: np.random.Generat
         crop = crop_around(mask)
         depth = normalize(crop.cut(frame.depth_mm, 0), crop.cut(mask, False))
         planes, *body = network.outputs(depth[None])
-        state = BodyState.of(crop, (frame.depth_mm, mask), tuple(one[0] for one in body))
+        image, outputs = (frame.depth_mm, mask), [one[0] for one in body]
+        state = network.body_state(crop, image, outputs, planes[0], camera)
         chosen = rng.choice(np.flatnonzero(mask), PIXELS, replace=False)
         pixel, some = (
             crop.paste(nearest_seen(depth > 0), mask.shape, 0).ravel()[chosen],

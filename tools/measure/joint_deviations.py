@@ -1,4 +1,4 @@
-"""Errors of a network's joints, and how honest their deviations are.
+"""Errors of a network's corrected joints, and how honest their deviations are.
 
 ``python -m tools.measure.joint_deviations WEIGHTS.onnx LABELS...`` prints a table for each dataset, a row
 each for hidden, visible and outside joints. Columns: mean error; shares of the errors within 50 and 100 mm,
@@ -26,13 +26,13 @@ def measured(network: OnnxNetwork, frames: LabelledFrames) -> tuple[Float64, Flo
     """
     rows = []
     for frame in frames:
-        state = None
-        if TRUE_JOINTS in frame.notes:
-            state = BodyState.from_note(network.segment(frame.depth_mm, frame.on_person).bearing)
-        if state is None:
+        if TRUE_JOINTS not in frame.notes:
             continue
         camera = camera_of(frames, frame)
         pinhole = pinhole_of(frame, camera)
+        state = BodyState.from_note(network.segment(frame.depth_mm, frame.on_person, pinhole).bearing)
+        if state is None:
+            continue
         errors_mm = np.linalg.norm(state.joints_mm(pinhole) - true_joints_mm(frame), axis=1)
         sd_mm, seen = state.joints_sd_mm(pinhole), state.joints_seen
         named = np.zeros(N_JOINTS, np.uint8) if seen is None else seen.argmax(axis=1).astype(np.uint8)

@@ -18,7 +18,6 @@ from annotate.frame_labels import FrameLabels
 from annotate.labelset.labelled_frames import open_frames
 from annotate.parts import PAPER, UNDEFINED
 from annotate.posture import POSTURES
-from eval.network.body_state import BodyState
 from eval.network.onnx_network import OnnxNetwork
 from eval.network.posture_model import with_posture
 from eval.network.refine import camera_in
@@ -128,7 +127,8 @@ def measured(network: OnnxNetwork, path: Path) -> dict[str, Tally]:
             if whole and row is not None:
                 mask = person_of(frame.parts) & (frame.depth_mm > 0)
                 image, camera = (frame.depth_mm, mask), camera_in(frames, frame)
-                own = BodyState.of(network_crop(mask), image, tuple(values[k] for values in whole))
+                outputs = [values[k] for values in whole]
+                own = network.body_state(network_crop(mask), image, outputs, planes[k], camera)
                 if np.isfinite(row[FACING]).all():
                     azimuth = np.radians(own.faced_by_joints(camera).facing_deg)
                     facing = bool(np.array([np.cos(azimuth), np.sin(azimuth)]) @ row[FACING] > COS), True

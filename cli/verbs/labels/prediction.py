@@ -126,7 +126,7 @@ def predict(
 ) -> None:
     """Label depth images with a network; label sets and datasets keep their outlines of the person."""
     from annotate.labelset import label_set as store
-    from eval.network.joint_files import KINDS, write_joints
+    from eval.network.joints.joint_files import KINDS, write_joints
 
     if joints is not None:
         check_suffix(joints, *KINDS)

@@ -56,6 +56,6 @@ def _by_depth(
     depth = normalize(crop.cut(cloud.depth_mm, 0), crop.cut(mask, False))
     planes, *body = network.outputs(depth[None])
     at = crop.paste(nearest_seen(depth > 0), (mask.shape[0], mask.shape[1]), 0)[wide]
-    outputs = tuple(one[0] for one in body)
-    state = BodyState.of(crop, (cloud.depth_mm, mask), outputs) if body else None
+    outputs, image = [one[0] for one in body], (cloud.depth_mm, mask)
+    state = network.body_state(crop, image, outputs, planes[0], cloud.camera) if body else None
     return planes[0].reshape(len(planes[0]), -1)[:, at], state
