@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from annotate.crop import SIZE, Crop
-from annotate.labelset.labelled_frames import camera_of, pinhole_of
+from annotate.labelset.labelled_frames import camera_of, open_frames, pinhole_of
 from annotate.posture import POSTURES
 from annotate.scheme.regions import N_REGIONS, Region
 from annotate.scheme.scheme_file import load_scheme
@@ -16,10 +16,11 @@ from eval.network.joints import joint_correction
 from eval.network.joints.joint_correction import TWIN_REGION, LocalJoints, corrected_joints
 from eval.network.joints.region_places import has_regions, region_places
 from eval.network.onnx_network import OnnxNetwork
-from eval.scores.joint_errors import true_joints_mm
+from eval.scores.joint_errors import joint_visibility, true_joints_mm
 from eval.scores.joints import N_JOINTS, TWIN
 from sensors.rig.camera import Intrinsics
 from synth.images.presets import preset_named, sample
+from tests.helpers.shards import write_dataset
 from tools.fit import joint_correction as fit
 
 CAMERA = Intrinsics(512, 424, 366.0, 366.0, 255.5, 211.5)
@@ -173,3 +174,23 @@ def test_a_constant_error_is_learnt_and_its_deviation():
     wide = own.deviations[..., 0].numpy() > 30  # shifts of narrow joints are bounded
     assert np.abs(np.median(shifts_mm[..., 0][wide]) - 30) < 6
     assert np.median(out[..., 3][torch.from_numpy(wide)].detach()) < -0.7
+
+
+def test_stored_joints_are_those_of_the_network(tmp_path, monkeypatch):
+    """Without cut people, so that the network sees the same pixels again."""
+    monkeypatch.setattr(fit, "CUT", 0)
+    frames = [sample(preset_named("people"), 44_701, index) for index in range(3)]
+    data, network = write_dataset(tmp_path / "data", frames), OnnxNetwork()
+    fit.store_joints(data.path, network, tmp_path / "joints.npz")
+    own, mirrored = fit.examples_in([tmp_path / "joints.npz"])
+    assert len(own.features) == len(mirrored.features) == 3
+    for k, frame in enumerate(open_frames(data.path)):
+        camera = pinhole_of(frame, camera_of(data, frame))
+        state = BodyState.from_note(network.segment(frame.depth_mm, frame.on_person).bearing)
+        placed = own.placed(own.joints)[k]
+        np.testing.assert_allclose(placed, state.joints_mm(camera), atol=2)  # notes are rounded
+        np.testing.assert_allclose(own.true[k], true_joints_mm(frame), atol=0.01)
+        np.testing.assert_array_equal(own.visibility[k], joint_visibility(frame, camera_of(data, frame)))
+        np.testing.assert_allclose(
+            mirrored.true[k][TWIN] * torch.tensor([-1.0, 1, 1]), own.true[k], atol=0.01
+        )
