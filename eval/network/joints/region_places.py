@@ -1,8 +1,9 @@
 """Size and place of each region of a person in a depth image."""
 
 import numpy as np
+from numba import njit
 
-from annotate.array_types import Bool, Float32, Float64, UInt16
+from annotate.array_types import Bool, Float32, Float64, Index, UInt8, UInt16
 from annotate.crop import RANGE_MM, SIZE, Crop, normalize
 from annotate.scheme.regions import N_REGIONS, Region
 from annotate.scheme.scheme import BACKGROUND, Scheme
@@ -25,13 +26,29 @@ def region_places(crop: Crop, image: tuple[UInt16, Bool], planes: Float32, schem
     depth_mm, mask = image
     classes = scheme.class_table[scheme.table[list(Region)]]
     values = normalize(crop.cut(depth_mm, 0), crop.cut(mask, False)).ravel()
-    seen = np.flatnonzero(values)
-    row, column = np.divmod(seen, SIZE)
-    cell = crop.side / SIZE
-    z = (values[seen] - 0.5) * RANGE_MM
-    basis = np.column_stack([np.ones(seen.size), column, row, z]).astype(np.float32)
-    sums = (planes.reshape(len(planes), -1)[np.ix_(classes, seen)] @ basis).astype(np.float64)
+    seen, cell = np.flatnonzero(values), crop.side / SIZE
+    sums = _sums(planes.reshape(len(planes), -1), np.asarray(classes), seen, (values[seen] - 0.5) * RANGE_MM)
     count = sums[:, :1]
     middle = float(np.median(depth_mm[mask & (depth_mm > 0)]))
     scale, start = (cell, cell, 1.0), (crop.left + cell / 2 - 0.5, crop.top + cell / 2 - 0.5, middle)
     return np.hstack([count * cell**2, sums[:, 1:] / np.maximum(count, LEAST_PIXELS) * scale + start])
+
+
+@njit(cache=True, nogil=True)  # products of matrices by NumPy would keep another core busy
+def _sums(planes: Float32, classes: UInt8, seen: Index, z_mm: Float32) -> Float64:
+    """Return sums (k, 4) over pixels (n,), weighted by the probabilities of classes (k,): 1, column, row, z.
+
+    planes: (K, 212 * 212). seen: flat indices of the pixels.
+    """
+    sums = np.zeros((classes.size, 4))
+    for k in range(classes.size):
+        plane = planes[classes[k]]
+        count, across, down, away = 0.0, 0.0, 0.0, 0.0
+        for i in range(seen.size):
+            share = np.float64(plane[seen[i]])
+            count += share
+            across += share * (seen[i] % SIZE)
+            down += share * (seen[i] // SIZE)
+            away += share * z_mm[i]
+        sums[k] = count, across, down, away
+    return sums
