@@ -15,7 +15,7 @@ from annotate.labelset.images import (
     encode_parts,
     encode_png,
 )
-from annotate.labelset.label_set import MANIFEST, LabelSet, validate
+from annotate.labelset.label_set import LEARNT, MANIFEST, LabelSet, validate
 from annotate.parts import (
     N_CLASSES,
 )
@@ -23,8 +23,10 @@ from sensors.errors import CloudError, ExistsError, FormatError
 from tests.helpers.label_maps import CAMERA, confidences, depths, law, part_maps
 from tests.helpers.same_frame import assert_same_frame
 
-notes = st.dictionaries(
-    st.text(max_size=8), st.none() | st.booleans() | st.integers() | st.text(max_size=8), max_size=3
+notes = st.dictionaries(  # ``LEARNT`` names a folder of the label set, so other values are refused
+    st.text(max_size=8).filter(lambda name: name != LEARNT),
+    st.none() | st.booleans() | st.integers() | st.text(max_size=8),
+    max_size=3,
 )
 
 
