@@ -27,7 +27,7 @@ def region_places(crop: Crop, image: tuple[UInt16, Bool], planes: Float32, schem
     classes = scheme.class_table[scheme.table[list(Region)]]
     values = normalize(crop.cut(depth_mm, 0), crop.cut(mask, False)).ravel()
     seen, cell = np.flatnonzero(values), crop.side / SIZE
-    sums = _sums(planes.reshape(len(planes), -1), np.asarray(classes), seen, (values[seen] - 0.5) * RANGE_MM)
+    sums = _sums(planes.reshape(len(planes), -1), classes, seen, (values[seen] - 0.5) * RANGE_MM)
     count = sums[:, :1]
     middle = float(np.median(depth_mm[mask & (depth_mm > 0)]))
     scale, start = (cell, cell, 1.0), (crop.left + cell / 2 - 0.5, crop.top + cell / 2 - 0.5, middle)
